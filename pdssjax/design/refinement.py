@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from .exchange import Search
 from .experiments import Experiment, Limits
-from .sampling import FEWEST, Schedule, improved_schedule
+from .sampling import FEWEST_SAMPLES, Schedule, improved_schedule
 from .survey import Point, Survey
 
 Pair = tuple[Experiment, Schedule]
@@ -126,7 +126,7 @@ def _moved(plan: list[Pair], giver: int, taker: int, part: int) -> list[Pair] | 
     (experiment, schedule), (other, receiving) = plan[giver], plan[taker]
     block = max(1, schedule.samples // part)
     gained = block * schedule.windows // receiving.windows
-    if schedule.samples - block < FEWEST or gained < 1 or None in (experiment.drive, other.drive):
+    if schedule.samples - block < FEWEST_SAMPLES or gained < 1 or None in (experiment.drive, other.drive):
         return None
     out = list(plan)
     out[giver] = experiment, dataclasses.replace(schedule, samples=schedule.samples - block)

@@ -27,7 +27,7 @@ WINDOWS = (1, 2, 4, 8, 16)
 SHIFTS = (1, 4)
 """Triggers at different fractions of an interval; 1: all alike."""
 
-FEWEST = 8
+FEWEST_SAMPLES = 8
 """Samples of a window."""
 
 
@@ -88,7 +88,7 @@ class Schedule:
 
     def fits(self, period: float | None, finest: float, duration: float) -> bool:
         """Whether a recorder whose least interval is `finest` [s] can take it, within a record of `duration` [s]."""
-        if self.samples < FEWEST or self.windows < 1 or self.interval < finest * (1 - 1e-9) or self.first < 0:
+        if self.samples < FEWEST_SAMPLES or self.windows < 1 or self.interval < finest * (1 - 1e-9) or self.first < 0:
             return False
         if period is None and (self.windows > 1 or self.first):
             return False
@@ -109,7 +109,7 @@ def possible_schedules(
     record, `duration`, in s.
     """
     found: dict[Schedule, None] = {}
-    counts = dict.fromkeys(min(max(round(part * share), FEWEST), most) for part in PARTS)
+    counts = dict.fromkeys(min(max(round(part * share), FEWEST_SAMPLES), most) for part in PARTS)
     for count, windows, factor, shifts, start in itertools.product(counts, WINDOWS, INTERVALS, SHIFTS, starts):
         if (period is None and windows > 1) or shifts > windows:
             continue
@@ -130,7 +130,7 @@ def possible_schedules(
 
 def contact_schedules(period: float, share: float, most: int, finest: float, duration: float) -> list[Schedule]:
     """The same of a contact under a prescribed motion, which is known at the samples only: even, from its start on."""
-    counts = dict.fromkeys(min(max(round(part * share), FEWEST), most) for part in PARTS)
+    counts = dict.fromkeys(min(max(round(part * share), FEWEST_SAMPLES), most) for part in PARTS)
     spans = [cycles * period for cycles in (1, 2, 4) if cycles * period <= duration]
     made = [Schedule(0, 1, 0.0, n, finest * max(1, int(span / n / finest)), 1) for n in counts for span in spans]
     return [schedule for schedule in dict.fromkeys(made) if schedule.fits(period, finest, duration)]

@@ -20,10 +20,10 @@ EXCESS = 1.2
 ABOVE_FLOOR = 1.1
 """The same for residuals against the noise floor, as a ratio of standard deviations: the root of `EXCESS`."""
 
-FEWEST = 50
+FEWEST_SAMPLES = 50
 """Samples from which second differences are a witness."""
 
-SIGMAS = 4.0
+SIGNIFICANT = 4.0
 """Standard deviations beyond which an excess is not chance."""
 
 DIGITS = 1e-9
@@ -36,13 +36,13 @@ def highest_by_chance(freedom: float) -> float:
     The cube root of chi-square is nearly normal: E. B. Wilson and M. M. Hilferty, PNAS 17(12), 1931.
     """
     spread = 2.0 / (9.0 * max(freedom, 1.0))
-    return float((1.0 - spread + SIGMAS * np.sqrt(spread)) ** 3)
+    return float((1.0 - spread + SIGNIFICANT * np.sqrt(spread)) ** 3)
 
 
 def lowest_by_chance(freedom: float) -> float:
     """Lower limit of chi-square per degree of freedom by chance."""
     spread = 2.0 / (9.0 * max(freedom, 1.0))
-    return float(max(1.0 - spread - SIGMAS * np.sqrt(spread), 0.0) ** 3)
+    return float(max(1.0 - spread - SIGNIFICANT * np.sqrt(spread), 0.0) ** 3)
 
 
 def largest_by_chance(record: FittedRecord) -> float:
@@ -79,18 +79,18 @@ def above_floor(record: FittedRecord) -> float:
 def exceeds_floor(record: FittedRecord) -> bool:
     """`above_floor` is beyond both chance and `ABOVE_FLOOR`, and not as coloured noise is.
 
-    Never said of fewer than `FEWEST` samples.
+    Never said of fewer than `FEWEST_SAMPLES` samples.
 
     Of white noise it is 1 with a standard deviation of 0.8/sqrt(samples), and 4.8/sqrt(samples) above
     1 at most in thousands of trials, since its upper tail is long.
     """
-    least = max(ABOVE_FLOOR, 1.0 + 1.2 * SIGMAS / np.sqrt(record.samples))
-    return record.samples >= FEWEST and above_floor(record) > least and not is_even(record)
+    least = max(ABOVE_FLOOR, 1.0 + 1.2 * SIGNIFICANT / np.sqrt(record.samples))
+    return record.samples >= FEWEST_SAMPLES and above_floor(record) > least and not is_even(record)
 
 
 def is_even(record: FittedRecord) -> bool:
     """Residuals are as large along all of a record, as noise is, whatever its colour."""
-    return unevenness(record.rest, record.time) <= SIGMAS
+    return unevenness(record.rest, record.time) <= SIGNIFICANT
 
 
 def exceeds_noise(record: FittedRecord) -> bool:
@@ -146,8 +146,8 @@ def repeats(record: FittedRecord) -> bool:
     With outliers, the residuals of a fit without them have to repeat, too: outliers pull the fit alike in every cycle.
     """
     found = record.lack_of_fit
-    if found is None or record.frequency is None or not found.sigmas > SIGMAS or leaves_unresolved(record):
+    if found is None or record.frequency is None or not found.sigmas > SIGNIFICANT or leaves_unresolved(record):
         return False
     if record.undisturbed is not None and record.outliers.size:
         found = lack_of_fit(record.rest, record.time, record.frequency)
-    return found is not None and found.sigmas > SIGMAS
+    return found is not None and found.sigmas > SIGNIFICANT

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..study import Agreement, Combination, Diagnosis, Record, Remedy
-from .beyond_noise import SIGMAS
+from .beyond_noise import SIGNIFICANT
 from .least_squares import Fit
 from .problem import Problem
 
@@ -239,7 +239,7 @@ def records_agreement(problem: Problem, fit: Fit, covariance: Float[np.ndarray, 
 
 def contradicting(found: Sequence[Agreement]) -> list[Agreement]:
     """The groups of records that ask for other parameters than the rest, beyond chance and by two standard errors."""
-    return [group for group in found if group.sigmas > SIGMAS and abs(group.largest()[1]) > _NOTICEABLE]
+    return [group for group in found if group.sigmas > SIGNIFICANT and abs(group.largest()[1]) > _NOTICEABLE]
 
 
 def record_groups(records: Sequence[Record]) -> dict[tuple[str, tuple[str, ...]], Bool[np.ndarray, " records"]]:

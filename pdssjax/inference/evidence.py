@@ -31,12 +31,12 @@ from jaxtyping import Bool, Float
 
 from ..metrics import outliers, unevenness
 from ..study import Statistics, Study, cycles_a_second, repeated_residuals
-from .beyond_noise import EXCESS, SIGMAS, highest_by_chance, is_unresolved
+from .beyond_noise import EXCESS, SIGNIFICANT, highest_by_chance, is_unresolved
 from .covariance import NO_INFORMATION, least_squares_covariance
 from .diagnosis import contradicting, records_agreement
 from .least_squares import Fit, by_record, evaluated, quiet
 from .problem import Problem
-from .stack_parameters import of_platform_alone, of_stack, stack_rows
+from .stack_parameters import platform_alone_records, stack_parameters, stack_residuals
 from .validation import Missed, missed_records
 
 _POOR = 1.15
@@ -92,8 +92,8 @@ class Evidence:
         used, fitted = np.ones(len(problem.records), bool), np.ones(free.size, bool)
         jacobian = np.asarray(self.fit.state.jacobian)
         if self.after_stack:
-            used, fitted = ~of_platform_alone(problem.records), ~of_stack(problem)
-            jacobian = jacobian * ~stack_rows(problem)[:, None]
+            used, fitted = ~platform_alone_records(problem.records), ~stack_parameters(problem)
+            jacobian = jacobian * ~stack_residuals(problem)[:, None]
         sizes = self._sizes * used
         offsets = np.array([record.offset is None for record in problem.records]) & used
         norms, count = np.linalg.norm(jacobian, axis=0), int(np.sum(fitted))
@@ -137,7 +137,9 @@ class Evidence:
     def _enlarging(self) -> Bool[np.ndarray, " records"]:
         """Records by which variances are enlarged: those with noise given that the fit was fitted to."""
         return (
-            self.noise_is_given & ~of_platform_alone(self.problem.records) if self.after_stack else self.noise_is_given
+            self.noise_is_given & ~platform_alone_records(self.problem.records)
+            if self.after_stack
+            else self.noise_is_given
         )
 
     @property
@@ -212,12 +214,12 @@ class Evidence:
         correlation = products / max(squares, 1e-300)
         found = [repeated_residuals(record, part) for record, part in judged]
         sigmas = [repeated.sigmas for repeated in found if repeated is not None]
-        if sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)):
+        if sum(sigmas) > SIGNIFICANT * np.sqrt(len(sigmas)):
             return True
-        if not (correlation * np.sqrt(samples) > SIGMAS or self._exceeds_found(parts)):
+        if not (correlation * np.sqrt(samples) > SIGNIFICANT or self._exceeds_found(parts)):
             return False
         uneven = [unevenness(part, record.time) for record, part in judged]
-        return max(uneven, default=np.inf) > SIGMAS or sum(uneven) > SIGMAS * np.sqrt(len(uneven))
+        return max(uneven, default=np.inf) > SIGNIFICANT or sum(uneven) > SIGNIFICANT * np.sqrt(len(uneven))
 
     def _exceeds_given(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
         """Whether residuals exceed the noise given in size: those of any record, or of all together; without NaN.

@@ -17,8 +17,8 @@ from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
 from .solver.lm_state import SUCCESSES, Ending, LMState
 from .solver.minimisers import Outcome, minimised
 from .solver.trust_region import Bounds
-from .stack_parameters import of_platform, of_platform_alone
-from .variable_projection import FEWEST, linear_parameters, project
+from .stack_parameters import platform_alone_records, platform_parameters
+from .variable_projection import FEWEST_LINEAR, linear_parameters, project
 
 Progress: TypeAlias = Callable[[str], None]
 """A function that is called with a line of text on what is being done."""
@@ -101,9 +101,9 @@ def joint(problem: Problem, starts: Values, report: Progress, limit: int = MAX_I
     The first phase is cheap and only brings the piezo near: with it far off, the slips
     come at the wrong moments, and the friction parameters would diverge.
     """
-    platform = of_platform_alone(problem.records)
+    platform = platform_alone_records(problem.records)
     free = problem.residual.transform.encode(starts)
-    piezo = of_platform(problem)
+    piezo = platform_parameters(problem)
     spent = []
     carries = any(record.measurement.effector_moves for record in problem.records)
     if platform.any() and carries and piezo.any() and not piezo.all():
@@ -122,8 +122,8 @@ def evaluated(problem: Problem, free: Float[np.ndarray, " p"], report: Progress)
 def piezo_alone(problem: Problem, starts: Values, report: Progress) -> dict[str, float]:
     """The free parameters that the platform alone shows, from its records, the others held at their starts."""
     names = problem.residual.transform
-    piezo = of_platform(problem)
-    used = of_platform_alone(problem.records)
+    piezo = platform_parameters(problem)
+    used = platform_alone_records(problem.records)
     if not (piezo.any() and used.any()):
         return {}
     fit = fit_phase(problem, names.encode(starts), used, piezo, "piezo", report)
@@ -157,7 +157,7 @@ def fit_phase(
     It begins where variable projection ends, if the records are linear in some of the parameters.
     """
     linear, spent = linear_parameters(problem, used) & fitted, 0
-    if linear.sum() >= FEWEST:
+    if linear.sum() >= FEWEST_LINEAR:
         found = project(
             problem, free, as_weights(problem.noise, used), fitted, linear, lambda told: report(f"{name}: {told}")
         )

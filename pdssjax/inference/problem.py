@@ -17,6 +17,7 @@ from ..core import Lowered, ScalarLike, on_device, require_float64
 from ..integration import Accuracy
 from ..metrics import scatter_floor
 from ..study import Parameter, Predictor, Record, Study, Values
+from .determinable_ranges import determinable_ranges, within_determinable
 from .effort import USUAL, Effort
 from .initial_values.search import initial_guess
 from .losses.base import AbstractLoss
@@ -24,7 +25,6 @@ from .parameter_transform import transform_of
 from .residual import Evaluator, Residual, measured_apart
 from .solver.iterations import Linearised, OfFunction, Point
 from .solver.minimisers import Minimiser
-from .told_ranges import told_ranges, within_told
 
 FitSoFar: TypeAlias = Any
 """A `least_squares.Fit`, which stands above this module."""
@@ -226,7 +226,7 @@ def pose(
     """The fit of a study's records with role "fit", parameters scaled after their `starts`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
-    parameters = within_told(_with_lengths(study), told_ranges(study))
+    parameters = within_determinable(_with_lengths(study), determinable_ranges(study))
     transform = transform_of(parameters, starts, study.constraints, str(study.path or study.title))
     residual = Residual.of(study.models, records, transform, fixed, accuracy, loss, measured_apart(study.parameters))
     samples = lambda residual: (residual.comparison.measured, residual.comparison.used)

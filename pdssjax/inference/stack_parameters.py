@@ -12,12 +12,12 @@ _SHOWN = "piezo.", "amplifier.", "sensor."
 """The stack, what drives it, and what looks at it."""
 
 
-def of_platform_alone(records: Sequence[Record]) -> Bool[np.ndarray, " records"]:
+def platform_alone_records(records: Sequence[Record]) -> Bool[np.ndarray, " records"]:
     """Which of the records show the platform without the end-effector."""
     return np.array([record.measurement.platform_alone for record in records])
 
 
-def of_stack(problem: Problem) -> Bool[np.ndarray, " p"]:
+def stack_parameters(problem: Problem) -> Bool[np.ndarray, " p"]:
     """Which free parameters the first of two steps fits: the piezo's, and those of records of the platform alone.
 
     But not what holds of the piezo in other records only, which the platform's do not show.
@@ -27,12 +27,12 @@ def of_stack(problem: Problem) -> Bool[np.ndarray, " p"]:
     return np.array([first(path) or _of_its_records(path, records) for path in paths], bool)
 
 
-def stack_rows(problem: Problem) -> Bool[np.ndarray, " n"]:
+def stack_residuals(problem: Problem) -> Bool[np.ndarray, " n"]:
     """Which residuals the first of two steps uses: the platform's samples, and what was measured apart of the stack."""
     sizes = [record.time.size for record in problem.records]
-    stack = dict(zip(problem.residual.transform.paths, of_stack(problem), strict=True))
+    stack = dict(zip(problem.residual.transform.paths, stack_parameters(problem), strict=True))
     apart = np.array([stack[path] for path in problem.residual.apart], bool)
-    return np.concatenate([np.repeat(of_platform_alone(problem.records), sizes), apart])
+    return np.concatenate([np.repeat(platform_alone_records(problem.records), sizes), apart])
 
 
 def shown_by_platform(path: str, problem: Problem) -> bool:
@@ -41,10 +41,10 @@ def shown_by_platform(path: str, problem: Problem) -> bool:
     if not condition:
         return path.startswith(_SHOWN)
     here = [record for record in problem.records if condition in record.conditions]
-    return _of_its_records(path, here) or (path.startswith(_SHOWN) and bool(of_platform_alone(here).any()))
+    return _of_its_records(path, here) or (path.startswith(_SHOWN) and bool(platform_alone_records(here).any()))
 
 
-def of_platform(problem: Problem) -> Bool[np.ndarray, " p"]:
+def platform_parameters(problem: Problem) -> Bool[np.ndarray, " p"]:
     """Which free parameters records of the platform alone show."""
     return np.array([shown_by_platform(path, problem) for path in problem.residual.transform.paths], bool)
 
@@ -53,4 +53,4 @@ def _of_its_records(path: str, records: Sequence[Record]) -> bool:
     """Whether a parameter holds in records of the platform alone, and in no others."""
     _, condition = split_path(path)
     here = [record for record in records if condition in record.conditions]
-    return bool(here) and bool(of_platform_alone(here).all())
+    return bool(here) and bool(platform_alone_records(here).all())

@@ -22,7 +22,7 @@ from ..study import split_path
 from .problem import Linearisation, Problem
 from .solver.box_least_squares import solve_in_box, triangle
 
-FEWEST = 2
+FEWEST_LINEAR = 2
 """Linear parameters from which on projecting them out is worth it."""
 
 _DAMPING = 1e-12
@@ -85,7 +85,7 @@ def linear_parameters(problem: Problem, used: Bool[np.ndarray, " records"]) -> B
 
 def is_separable(problem: Problem) -> bool:
     """Whether enough of the parameters are linear for a fit of all records to be one by projection."""
-    return int(linear_parameters(problem, np.ones(len(problem.records), bool)).sum()) >= FEWEST
+    return int(linear_parameters(problem, np.ones(len(problem.records), bool)).sum()) >= FEWEST_LINEAR
 
 
 def project(

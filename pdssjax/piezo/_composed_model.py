@@ -41,7 +41,7 @@ from ._on_lines import (
     straightened,
 )
 from ._rod import Rod, modes
-from .base import AbstractPiezo, Shown, State, Terms, ToldRange, slew_sign
+from .base import AbstractPiezo, DeterminableRange, Shown, State, Terms, slew_sign
 
 
 class ComposedModel(AbstractPiezo):
@@ -65,7 +65,7 @@ class ComposedModel(AbstractPiezo):
         return loop_columns(cls.made, time, volts, numbers)
 
     @classmethod
-    def told_ranges(cls, shown: Shown) -> dict[str, ToldRange]:
+    def determinable_ranges(cls, shown: Shown) -> dict[str, DeterminableRange]:
         return creep_range(cls.made, shown)
 
     def broken_conditions(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Declared, quantity
-from .base import USUAL_SWING, Shown, ToldRange
+from .base import USUAL_SWING, DeterminableRange, Shown
 
 DYNAMICS = ("static", "first-order", "second-order", "rod")
 """Names of the mechanics, from the simplest on."""
@@ -250,7 +250,7 @@ def composed_guess(
     return guess
 
 
-def creep_range(made: Composition, shown: Shown) -> dict[str, ToldRange]:
+def creep_range(made: Composition, shown: Shown) -> dict[str, DeterminableRange]:
     """Range in which records can determine the time constant of a stack's fastest creep element; empty without one."""
     if not made.creep or not shown.interval or not shown.duration:
         return {}
@@ -258,7 +258,7 @@ def creep_range(made: Composition, shown: Shown) -> dict[str, ToldRange]:
     high = max(_LONG * shown.duration / 10.0 ** (made.creep - 1), _LONG * low)
     slowest = "" if made.creep == 1 else f" for element {made.creep}, the slowest"
     return {
-        "creep_time": ToldRange(
+        "creep_time": DeterminableRange(
             low, high, f"{_FEW:g} sample intervals", f"{_LONG:g} times the length of the longest record{slowest}"
         )
     }

@@ -46,7 +46,7 @@ class Shown(NamedTuple):
     """Sample interval of the finest record [s]."""
 
 
-class ToldRange(NamedTuple):
+class DeterminableRange(NamedTuple):
     """Range [SI] in which records can determine a parameter."""
 
     low: float
@@ -170,7 +170,7 @@ class AbstractPiezo(AbstractModel):
         raise NotImplementedError(f"{cls.__name__} has no columns of loops")
 
     @classmethod
-    def told_ranges(cls, shown: Shown) -> dict[str, ToldRange]:
+    def determinable_ranges(cls, shown: Shown) -> dict[str, DeterminableRange]:
         """Ranges in which records can determine parameters of this model, by name; without those always determined.
 
         Beyond, such a parameter does what others do: an element of creep much quicker than the samples is a part of the

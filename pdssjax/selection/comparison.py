@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas
 
 
-SIGMAS = 2.0
+WORSE_SIGMAS = 2.0
 """Standard errors from which a difference is significant."""
 
 
@@ -36,7 +36,7 @@ class Difference(NamedTuple):
     @property
     def is_significant(self) -> bool:
         """Two standard errors and more, and it matters."""
-        return abs(self.sigmas) >= SIGMAS and self.matters
+        return abs(self.sigmas) >= WORSE_SIGMAS and self.matters
 
 
 @equal_by_value

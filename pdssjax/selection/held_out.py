@@ -29,7 +29,7 @@ SLICES = 5
 """Slices of each part of a record that does not repeat: the part is spread over the record, so that what is left tells
 the parameters, and each slice is long beside what the samples next to it tell of its noise."""
 
-FEWEST = 20
+BLOCK_SAMPLES = 20
 """Samples of a block, about; a record of fewer than two blocks is not cut."""
 
 WORSE = 0.5
@@ -73,7 +73,7 @@ def parts_of(study: Study) -> tuple[Part, ...]:
 def _blocks(record: Record) -> list[Bool[np.ndarray, " samples"]]:
     """Blocks of time of a record: its cycles, some together, or slices that are spread over it."""
     frequency, time = cycles_a_second(record), record.time
-    most = min(BLOCKS, time.size // FEWEST)
+    most = min(BLOCKS, time.size // BLOCK_SAMPLES)
     if most < 2:
         return []
     if frequency is not None and np.ptp(time) * frequency >= FEWEST_CYCLES - 0.5:

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from ...core import Quantity, quantities
 from ...metrics import scatter_floor
-from ...piezo.base import AbstractPiezo, Shown, ToldRange
+from ...piezo.base import AbstractPiezo, DeterminableRange, Shown
 from ...study import Record
 from ..solver.box_least_squares import nonnegative_least_squares
 from .record_features import as_displacements, voltages_at
@@ -70,7 +70,7 @@ def loop_starts(
     if not loops:
         return {}
     trial = _Trial(piezo, known, loops, quantities(piezo))
-    told = piezo.told_ranges(shown)
+    told = piezo.determinable_ranges(shown)
     grid = [_grid(name, told.get(name), known, loops) for name in piezo.loop_numbers]
     by_first: dict[float, tuple[float, tuple[float, ...]]] = {}
     for point in itertools.product(*grid):
@@ -98,7 +98,9 @@ def _loop(record: Record) -> _Loop:
     return _Loop(whole, voltages_at(record, whole), seen, noise)
 
 
-def _grid(name: str, told: ToldRange | None, known: Mapping[str, float], loops: Sequence[_Loop]) -> tuple[float, ...]:
+def _grid(
+    name: str, told: DeterminableRange | None, known: Mapping[str, float], loops: Sequence[_Loop]
+) -> tuple[float, ...]:
     """The thresholds or times tried: those `known`, else over the range that the records tell."""
     if name in known:
         return (known[name],)

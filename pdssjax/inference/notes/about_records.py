@@ -8,7 +8,7 @@ from ...core import display_unit
 from ...metrics import counts_without_noise, drift_per_cycle, held_in_words, resolution_of, slip_delay
 from ...study import Diagnosis, FittedRecord, Record
 from ..beyond_noise import (
-    SIGMAS,
+    SIGNIFICANT,
     above_floor,
     exceeds_floor,
     exceeds_given_noise,
@@ -237,7 +237,7 @@ def _about_slips(unexplained: Sequence[FittedRecord]) -> list[str]:
     for record in unexplained:
         walks = record.measures == "effector" and record.frequency is not None
         found = slip_delay(record.time, record.predicted, record.rest) if walks else None
-        if found is None or abs(found.delay) < SIGMAS * found.standard_error or found.explains < _OF_TIMING:
+        if found is None or abs(found.delay) < SIGNIFICANT * found.standard_error or found.explains < _OF_TIMING:
             continue
         when = "later" if found.delay > 0 else "earlier"
         figures.append(

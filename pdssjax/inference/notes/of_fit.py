@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core import display_unit
-from ...piezo.base import ToldRange
+from ...piezo.base import DeterminableRange
 from ...study import (
     REACH,
     SHOWN,
@@ -22,11 +22,11 @@ from ...study import (
     depends_on,
     hidden_from,
 )
+from ..determinable_ranges import determinable_ranges
 from ..least_squares import START_FAILED, Fit
 from ..parameter_transform import ParameterTransform
 from ..record_checks import about_signs
 from ..steady_sines import Inseparable
-from ..told_ranges import told_ranges
 from ..validation import Missed
 from .about_records import about_agreement, about_peaks, about_records, about_rests, listed, shown
 
@@ -174,7 +174,7 @@ def about_bounds(
     found: Float[np.ndarray, " p"],
     scale: ParameterTransform,
     parameters: Mapping[str, FittedParameter],
-    told: Mapping[str, ToldRange],
+    told: Mapping[str, DeterminableRange],
 ) -> list[str]:
     """Parameters that ended on a bound, or ran out of reach; `found` on the fit's scale.
 
@@ -221,7 +221,7 @@ def _at_constraint(constraint: Constraint, side: str) -> str:
     )
 
 
-def _at_bound(declared: Parameter, value: float, side: str, told: ToldRange | None) -> str:
+def _at_bound(declared: Parameter, value: float, side: str, told: DeterminableRange | None) -> str:
     given = declared.low if side == "lower" else declared.high
     key = "min" if side == "lower" else "max"
     head = f"{declared.path} is at its {side} bound, {shown(value, declared.unit)}"
@@ -317,7 +317,7 @@ def notes_of(
         *about_information(null, transform.paths, parameters),
         *about_weak_determination(unsure),
         *about_sines(facts.mixed),
-        *about_bounds(study.bounded_parameters, fit.free, transform, parameters, told_ranges(study)),
+        *about_bounds(study.bounded_parameters, fit.free, transform, parameters, determinable_ranges(study)),
         *about_distance([parameters[path] for path in transform.paths if path not in silent], transform),
         *about_measured_apart(parameters.values()),
         *about_models(study.models, values),

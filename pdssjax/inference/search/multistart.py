@@ -34,7 +34,7 @@ from ..least_squares import MAX_ITERATIONS, Fit, FitMethod, Progress, by_record,
 from ..losses.base import AbstractLoss
 from ..problem import Problem, pose, unwatched
 from ..solver.lm_state import Ending
-from ..stack_parameters import of_platform_alone
+from ..stack_parameters import platform_alone_records
 from ..variable_projection import is_separable
 from .races import (
     MOST_RESTARTS,
@@ -85,7 +85,7 @@ class BestPoint:
         """
         if not np.isfinite(fit.chi2):
             return
-        covers = 2 if used.all() else 1 if (used & ~of_platform_alone(problem.records)).any() else 0
+        covers = 2 if used.all() else 1 if (used & ~platform_alone_records(problem.records)).any() else 0
         best = self.point
         if best is not None and covers <= best.covers:
             same_noise = np.array_equal(problem.noise, best.problem.noise)

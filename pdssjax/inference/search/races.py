@@ -26,7 +26,7 @@ from ..initial_values.search import rank_starts, scatter_starts
 from ..least_squares import Fit, FitMethod, Progress, piezo_alone, quiet
 from ..problem import Problem
 from ..solver.lm_state import STOPPED, Ending
-from ..stack_parameters import of_platform_alone, shown_by_platform
+from ..stack_parameters import platform_alone_records, shown_by_platform
 from ..validation import is_refuted
 
 PATIENCE = 3
@@ -225,7 +225,7 @@ def platform_unobserved(study: Study, problem: Problem) -> bool:
     """Records depend on the platform, none shows it alone, and the study does not say where its parameters start."""
     piezo = [p for path, p in study.parameters.items() if path.startswith("piezo.") and p.free and p.start is None]
     depends = any(record.measurement.effector_moves for record in problem.records)
-    return bool(piezo) and depends and not of_platform_alone(problem.records).any()
+    return bool(piezo) and depends and not platform_alone_records(problem.records).any()
 
 
 def reason_at_first(fit: Fit, contest: Contest) -> str | None:
@@ -301,7 +301,7 @@ def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dic
     study gives it: the more parameters are scattered, the fewer starts come near a narrow basin around it.
     """
     study, problem = contest.study, contest.problem
-    platform = of_platform_alone(problem.records).any()
+    platform = platform_alone_records(problem.records).any()
     known = lambda path: path in problem.residual.apart or (platform and shown_by_platform(path, problem))
     held = [path for path in problem.residual.transform.paths if known(path)]
     around = starts | {path: float(number) for path, number in problem.decode(fit.free).items() if path in held}

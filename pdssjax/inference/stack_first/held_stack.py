@@ -29,7 +29,7 @@ from ..evidence import Evidence
 from ..least_squares import MAX_ITERATIONS, Fit, Progress, evaluated, fit_phase, quiet, summed
 from ..problem import Problem, pose
 from ..search.multistart import Point
-from ..stack_parameters import of_platform_alone, of_stack
+from ..stack_parameters import platform_alone_records, stack_parameters
 from .peak_picking import PATHS, PickedStack
 
 
@@ -68,9 +68,9 @@ def _with_noise_of(second: Problem, whole: Problem) -> Problem:
 
 def sequential(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
     """The piezo from the platform records; then, with the piezo held, the others from the rest."""
-    platform = of_platform_alone(problem.records)
+    platform = platform_alone_records(problem.records)
     free = problem.residual.transform.encode(starts)
-    piezo = of_stack(problem)
+    piezo = stack_parameters(problem)
     first = fit_phase(problem, free, platform, piezo, "piezo", report, limit)
     last = with_piezo_held(problem, first.free, report, limit)
     if not first.success:
@@ -82,8 +82,8 @@ def with_piezo_held(
     problem: Problem, free: Float[np.ndarray, " p"], report: Progress, limit: int = MAX_ITERATIONS
 ) -> Fit:
     """The other parameters from the records that do not show the platform alone, from the point `free`."""
-    platform = of_platform_alone(problem.records)
-    piezo = of_stack(problem)
+    platform = platform_alone_records(problem.records)
+    piezo = stack_parameters(problem)
     second = fit_phase(problem, free, ~platform, ~piezo, "friction", report, limit)
     # Both steps' residuals, for the statistics and the errors.
     whole = evaluated(problem, second.free, report)
@@ -102,13 +102,13 @@ def due_to_stack(study: Study, stack: PickedStack, accuracy: Accuracy, fit: Fit,
 
 def with_stack_freed(fit: Fit, problem: Problem, stack: PickedStack) -> Evidence:
     """What the walks alone leave with the stack freed, at the end of a fit that held it."""
-    paths, platform = problem.residual.transform.paths, of_platform_alone(problem.records)
+    paths, platform = problem.residual.transform.paths, platform_alone_records(problem.records)
     rows = np.concatenate(
         [np.arange(r.start, r.stop) for r, alone in zip(problem.rows, platform, strict=True) if not alone]
     )
     residual, jacobian = np.asarray(fit.state.residual)[rows], np.asarray(fit.state.jacobian)[rows]
     read = problem.residual.transform.among(PATHS)
-    moves = (read | ~of_stack(problem)) & ~problem.residual.transform.at_bound(fit.free)
+    moves = (read | ~stack_parameters(problem)) & ~problem.residual.transform.at_bound(fit.free)
     places = [PATHS.index(path) for path in paths if path in PATHS]
     known = np.zeros((len(places), len(paths)))
     known[:, read] = np.linalg.cholesky(np.linalg.inv(stack.covariance[np.ix_(places, places)])).T

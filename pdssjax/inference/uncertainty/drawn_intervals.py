@@ -108,7 +108,7 @@ def posterior_coordinates(
 
 TAILS = 0.025, 0.975
 
-FEWEST = 100
+FEWEST_DRAWS = 100
 """Draws below which the ends of a 95 % interval rest on too few of them."""
 
 LARGEST_RHAT = 1.01
@@ -420,6 +420,6 @@ def _about_replicates(replicates: list[Replicate], failed: int) -> list[str]:
         notes.append(
             f"{failed} of {count} replicates of the bootstrap did not converge and are left out{less}: {often}."
         )
-    if count - failed < FEWEST:
+    if count - failed < FEWEST_DRAWS:
         notes.append(f"The bootstrap has {count - failed} replicates only: the ends of its intervals are uncertain.")
     return notes

@@ -27,7 +27,7 @@ from ..notes.about_records import listed
 from ..parameter_transform import ParameterTransform
 from ..problem import Problem
 from ..stack_first.peak_picking import PATHS, PickedStack
-from ..stack_parameters import of_platform_alone, of_stack, stack_rows
+from ..stack_parameters import platform_alone_records, stack_parameters, stack_residuals
 from .error_models.base import AbstractErrorModel, RecordErrors, total_of
 from .influence import curvature_of, influence_of, principal_directions
 from .linear_intervals import (
@@ -254,7 +254,7 @@ def influence_at(
     **Arguments:** `curvatures` of each record's residuals along the principal directions; None: none.
     """
     if point.method == "sequential":
-        alone = of_platform_alone(point.problem.records)
+        alone = platform_alone_records(point.problem.records)
         steps = None if curvatures is None else (_total(curvatures, alone), _total(curvatures, ~alone))
         return two_steps(point).influence(steps)
     out, kept = np.zeros(point.jacobian.shape), point.fitted
@@ -265,7 +265,7 @@ def influence_at(
 
 def two_steps(point: FittedPoint) -> TwoSteps:
     """The two steps of a sequential fit."""
-    first, stack = stack_rows(point.problem)[:, None], of_stack(point.problem)
+    first, stack = stack_residuals(point.problem)[:, None], stack_parameters(point.problem)
     earlier, later = np.flatnonzero(stack & point.known), np.flatnonzero(~stack & point.known)
     return TwoSteps(point.jacobian * first, point.jacobian * ~first, earlier, later)
 
@@ -384,7 +384,7 @@ def standard_errors_of(method: Method, evidence: Evidence, stack: PickedStack | 
         steps = two_steps(point) if stack is None else _after_peaks(point, stack)
         factors = np.append(factors, np.ones(len(steps.first) - factors.size))
         if stack is not None:
-            unknown |= of_stack(problem) & ~problem.residual.transform.among(PATHS)
+            unknown |= stack_parameters(problem) & ~problem.residual.transform.among(PATHS)
         effect = steps.influence()
         naive = _covariance(steps.apart().influence(), factors, unknown)
     known = whole._replace(matrix=_covariance(effect, factors, unknown))
@@ -407,9 +407,9 @@ def _covariance(
 
 def _after_peaks(point: FittedPoint, stack: PickedStack) -> TwoSteps:
     """The steps of a fit after `stack`, whose readings are further rows below the residuals."""
-    paths, platform = point.problem.residual.transform.paths, stack_rows(point.problem)
+    paths, platform = point.problem.residual.transform.paths, stack_residuals(point.problem)
     earlier = np.array([i for i, path in enumerate(paths) if path in PATHS and point.known[i]], int)
-    later = np.flatnonzero(~of_stack(point.problem) & point.known)
+    later = np.flatnonzero(~stack_parameters(point.problem) & point.known)
     places = [PATHS.index(paths[i]) for i in earlier]
     readings = np.zeros((earlier.size, len(paths)))
     readings[:, earlier] = np.linalg.inv(np.linalg.cholesky(stack.covariance[np.ix_(places, places)]))

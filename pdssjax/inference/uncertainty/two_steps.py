@@ -21,7 +21,7 @@ from ...study import Amplification
 from ..covariance import estimate_sensitivity
 from ..least_squares import Fit
 from ..problem import Problem
-from ..stack_parameters import of_stack, stack_rows
+from ..stack_parameters import stack_parameters, stack_residuals
 from .influence import principal_directions, pseudo_inverse, relative_curvature
 
 
@@ -87,7 +87,7 @@ def amplification_of(problem: Problem, fit: Fit, identifiable: Bool[np.ndarray, 
     found = problem.decode(fit.free)
     values = np.array([float(found[path]) for path in transform.paths])
     known = identifiable & (values != 0.0)
-    stack, used = of_stack(problem), ~stack_rows(problem)
+    stack, used = stack_parameters(problem), ~stack_residuals(problem)
     earlier, later = np.flatnonzero(stack & known), np.flatnonzero(~stack & known)
     if not (earlier.size and later.size and used.any()):
         return None

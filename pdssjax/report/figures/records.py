@@ -194,13 +194,13 @@ def _curves(axes: Axes, x: Float[np.ndarray, " n"], row: _Row, part: "slice | np
         axes.plot(x, scale * row.predicted[part], color=VERMILION, linewidth=0.9, label="predicted")
 
 
-FEWEST = 20
+FEWEST_LEVELS = 20
 """Fewest voltage levels of a record with loops; a step has two."""
 
 
 def has_loops(record: FittedRecord) -> bool:
     """Whether a record shows the platform alone while its voltage runs up or down."""
-    return record.voltage is not None and np.unique(np.round(record.voltage, 9)).size >= FEWEST
+    return record.voltage is not None and np.unique(np.round(record.voltage, 9)).size >= FEWEST_LEVELS
 
 
 def loop_figure(record: FittedRecord) -> Figure:

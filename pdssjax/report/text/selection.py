@@ -66,25 +66,25 @@ def _answer(found: Comparison) -> list[str]:
         return [
             f"Nothing could be held out of these records, so they do not tell; {found.chosen} is the simplest model."
         ]
-    told = [f"{found.chosen} is the simplest model that predicts held-out samples ({held}) no worse than any."]
+    lines = [f"{found.chosen} is the simplest model that predicts held-out samples ({held}) no worse than any."]
     if found.chosen != found.best:
         time = chosen.time
         assert time is not None
-        told.append(
+        lines.append(
             f"{found.best} predicts them best, by {_number(time.total)} in log score with a standard error of "
             f"{_number(time.standard_error)}, which is no reason for "
             f"{_more(len(best.fitted.free) - len(chosen.fitted.free))}."
         )
     if found.ambiguous:
-        told.append(f"These records do not tell it from {_listed(found.ambiguous)}.")
+        lines.append(f"These records do not tell it from {_listed(found.ambiguous)}.")
     worse = [result.name for result in found.results if result.is_worse]
     if worse:
-        told.append(f"Significantly worse: {_listed(worse)}.")
+        lines.append(f"Significantly worse: {_listed(worse)}.")
     if not chosen.fitted.explained:
-        told.append("It leaves more than noise, so another model or another optimum may do better than all of these.")
+        lines.append("It leaves more than noise, so another model or another optimum may do better than all of these.")
     if not chosen.fitted.converged:
-        told.append("Its fit did not converge: compare again with more effort.")
-    return told
+        lines.append("Its fit did not converge: compare again with more effort.")
+    return lines
 
 
 def _row(result: Result) -> tuple[str, ...]:
@@ -146,18 +146,20 @@ def _would_tell(found: Comparison) -> str:
     return sentence
 
 
-def _telling(told: TellingRecord) -> str:
-    record = f"the {told.measures} as in {told.template}"
-    if math.isnan(told.voltage):
-        record += f" with the motion {told.speed:g} times as fast" if told.speed != 1.0 else " once more"
+def _telling(record: TellingRecord) -> str:
+    shown = f"the {record.measures} as in {record.template}"
+    if math.isnan(record.voltage):
+        shown += f" with the motion {record.speed:g} times as fast" if record.speed != 1.0 else " once more"
     else:
-        record += f" at {told.voltage:.3g} V and {told.frequency:.3g} Hz"
-    if told.window < 1.0:
-        record += f", with all samples in the first {100 * told.window:.0f} % of each cycle"
-    strength = "enough to tell" if told.sigmas > 8.0 else "just enough" if told.sigmas > 4.0 else "too little to tell"
+        shown += f" at {record.voltage:.3g} V and {record.frequency:.3g} Hz"
+    if record.window < 1.0:
+        shown += f", with all samples in the first {100 * record.window:.0f} % of each cycle"
+    strength = (
+        "enough to tell" if record.sigmas > 8.0 else "just enough" if record.sigmas > 4.0 else "too little to tell"
+    )
     return (
-        f"{record}: of {told.tried} records tried, the two fitted models differ most there, by {told.sigmas:.2g} "
-        f"standard deviations of the noise over {told.samples} samples, which is {strength}"
+        f"{shown}: of {record.tried} records tried, the two fitted models differ most there, by {record.sigmas:.2g} "
+        f"standard deviations of the noise over {record.samples} samples, which is {strength}"
     )
 
 

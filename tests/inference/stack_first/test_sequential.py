@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdssjax.inference import Ending, Fit, sequential
-from pdssjax.inference.stack_parameters import of_stack, stack_rows
+from pdssjax.inference.stack_parameters import stack_parameters, stack_residuals
 
 MODULE = "pdssjax.inference.stack_first.held_stack"
 
@@ -26,10 +26,10 @@ def problem(*paths):
 def test_what_only_the_walk_shows_of_the_stack_is_fitted_in_the_second_step():
     paths = "piezo.gain", "piezo.gain@walk", "piezo.mass@cold", "drive.rise_time@cold", "friction.f_ss", "sensor.delay"
     posed = problem(*paths)
-    np.testing.assert_array_equal(of_stack(posed), [True, False, True, True, False, False])  # pyright: ignore
+    np.testing.assert_array_equal(stack_parameters(posed), [True, False, True, True, False, False])  # pyright: ignore
     # Samples of the platform, none of the walk's, and what was measured apart of what is fitted first.
     expected = [True] * 3 + [False] * 3 + [True, False, True, True, False, False]
-    np.testing.assert_array_equal(stack_rows(posed), expected)  # pyright: ignore
+    np.testing.assert_array_equal(stack_residuals(posed), expected)  # pyright: ignore
 
 
 @pytest.mark.parametrize("success", [True, False])

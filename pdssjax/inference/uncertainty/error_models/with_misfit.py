@@ -172,7 +172,7 @@ MOST_PHASES = 200
 _AT_ONCE = 20
 """Phases whose covariance with all others is computed at once."""
 
-FEWEST = 16
+FEWEST_SAMPLES = 16
 """Samples from which a misfit is looked for."""
 
 
@@ -189,7 +189,7 @@ class WithMisfit(AbstractErrorModel):
         found = Coloured().share(record)
         coloured = found.covariance
         record = record.without_outliers()
-        if record.residual.size < FEWEST:
+        if record.residual.size < FEWEST_SAMPLES:
             return found._replace(evidence=0.0)
         split = split_residuals(record.residual, record.time, record.frequency, record.freedom)
         process, phase = misfit_of(record, split)

@@ -5,8 +5,8 @@ import pytest
 
 import pdssjax
 from pdssjax import pose_problem
+from pdssjax.inference.determinable_ranges import determinable_ranges
 from pdssjax.inference.notes.of_fit import about_bounds
-from pdssjax.inference.told_ranges import told_ranges
 from pdssjax.piezo.base import Shown
 from pdssjax.piezo.composed import Composed
 
@@ -41,13 +41,13 @@ def study(folder, elements=2, given=""):
 @pytest.mark.parametrize("interval, duration", [(1e-3, 8.0), (5e-3, 1.5), (1e-5, 400.0), (0.1, 2.0)])
 def test_the_fastest_and_the_slowest_element_are_told_by_the_record(elements, interval, duration):
     stack = Composed.variant(f"static+creep-{elements}")
-    (told,) = stack.told_ranges(Shown(interval=interval, duration=duration)).values()
+    (told,) = stack.determinable_ranges(Shown(interval=interval, duration=duration)).values()
     assert told.low == pytest.approx(10.0 * interval)
     slowest = told.high * 10.0 ** (elements - 1)
     # Where a record spans fewer decades than the elements do, the fastest may be told all the same.
     assert slowest == pytest.approx(3.0 * duration) or told.high == pytest.approx(3.0 * told.low)
-    assert not Composed.variant("static+play-2").told_ranges(Shown(interval=interval, duration=duration))
-    assert not stack.told_ranges(Shown())
+    assert not Composed.variant("static+play-2").determinable_ranges(Shown(interval=interval, duration=duration))
+    assert not stack.determinable_ranges(Shown())
 
 
 @pytest.mark.parametrize(
@@ -69,8 +69,8 @@ def test_a_fit_stays_within_unless_the_study_says_otherwise(tmp_path, elements, 
 
 
 def test_what_is_held_has_no_range(tmp_path):
-    assert not told_ranges(study(tmp_path, given='value = "1000 s"'))
-    assert set(told_ranges(study(tmp_path))) == {"piezo.creep_time"}
+    assert not determinable_ranges(study(tmp_path, given='value = "1000 s"'))
+    assert set(determinable_ranges(study(tmp_path))) == {"piezo.creep_time"}
 
 
 @pytest.mark.parametrize(
@@ -88,5 +88,5 @@ def test_a_note_says_what_the_records_do_not_tell(tmp_path, side, words, key):
         path: pdssjax.study.FittedParameter(path, v, 0.0, (v, v), "s", True, v, False, True)
         for path, v in values.items()
     }
-    (note,) = about_bounds(loaded.parameters, free, scale, found, told_ranges(loaded))
+    (note,) = about_bounds(loaded.parameters, free, scale, found, determinable_ranges(loaded))
     assert words in note and f"{key} in the study" in note and note.startswith("piezo.creep_time is at its")
