@@ -378,8 +378,9 @@ _MOST_BYTES = 500_000_000
 
 
 def _forget_oldest(folder: Path) -> None:
-    """Remove the executables that were used the longest ago, down to `_MOST_BYTES`."""
-    found = [(kept.st_mtime, kept.st_size, file) for file in folder.glob("program-*") if (kept := file.stat())]
+    """Remove what was used the longest ago, down to `_MOST_BYTES`: executables, and what JAX keeps of its own."""
+    files = [*folder.glob("program-*"), *folder.glob("*-cache")]
+    found = [(kept.st_mtime, kept.st_size, file) for file in files if (kept := file.stat())]
     total = sum(size for _, size, _ in found)
     for _, size, file in sorted(found):
         if total <= _MOST_BYTES:
