@@ -98,6 +98,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="of each fit, as of identify (default: quick)",
     )
     parser.add_argument(
-        "--resume", action="store_true", help="take the models again that DIR holds of a comparison that was broken off"
+        "--resume", action="store_true", help="continue an interrupted comparison with the models already fitted in DIR"
     )
     add_out(parser)

@@ -139,7 +139,7 @@ def _identified(
     except pdssjax.FitInterrupted as interrupt:
         kept = interrupt.estimate
         if kept is None:
-            print("pdssjax: only starts had been looked for, and nothing is written", file=sys.stderr)
+            print("pdssjax: interrupted while searching for starts; nothing is written", file=sys.stderr)
         else:
             say(format_report(kept))
             if keep_results(lambda place: write_essentials(kept, place), folder, kept):

@@ -1,10 +1,9 @@
 """The command `pdssjax`: its options, and its exit status.
 
-0 when it worked, 2 when the input is at fault or the installed JAX computes wrongly, 3 when a fit
-did not converge (its best result is written all the same) or nothing of a sweep or a simulation
-could be computed, 4 when results could not be written to the folder asked for (the last lines say
-where they are instead).  Broken off, 130 (Ctrl-C), 143 (SIGTERM) or 129 (SIGHUP); a fit then leaves
-the best point so far in its folder, marked.
+0 success; 2 the input is at fault, or the installed JAX computes wrongly; 3 a fit did not converge or does not explain
+its records (its result is written), or no model, sweep point or record could be computed; 4 results could not be
+written to the folder asked for (the last lines say where they are).  Interrupted: 130 (Ctrl-C), 143 (SIGTERM) or 129
+(SIGHUP); a fit then leaves its best point so far in its folder, marked.
 """
 
 import argparse
@@ -27,7 +26,7 @@ COMMANDS = {
     "new": "make a study of files: channels, waveforms, noise and laws guessed, marked and drawn to be checked",
     "report": "one HTML page of a folder of results, to be sent to a colleague",
     "simulate": "predict every record of a study, at its values and starts or at those of an estimate",
-    "explore": "a page in the browser on which a study's numbers are turned: measured against predicted, fits, sweeps",
+    "explore": "an interactive browser page: change a study's numbers, compare prediction and measurement, fit, sweep",
     "channels": "list the channels of files: CSV, MATLAB, TDMS, HDF5, oscilloscopes",
     "characterise": "step efficiency, speed and output force from records alone (thesis, chapter 3)",
     "record": "make the records of a study on a virtual rig, with noise, zeros and rounding, from a seed",
@@ -149,10 +148,10 @@ def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
         prog="pdssjax",
         formatter_class=_Help,
         description="Models and identifies piezoelectric stick-slip actuators.",
-        epilog="Exit status: 0 it worked; 2 the input is at fault, or JAX computes wrongly; 3 a fit did not converge, "
-        "its best result is written, or nothing of a sweep or a simulation could be computed; 4 results could not be "
-        "written where asked; 130 or 143 interrupted or terminated, a fit leaves its best point so far in "
-        "estimate.json.",
+        epilog="Exit status: 0 success; 2 invalid input, or a JAX that computes wrongly; 3 a fit did not converge or "
+        "does not explain its records (its result is written), or no model, sweep point or record could be computed; "
+        "4 results could not be written where asked; 130, 143 or 129 interrupted, terminated or hung up: a fit leaves "
+        "its best point so far in estimate.json.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subcommands = parser.add_subparsers(required=True, metavar="COMMAND", prog=parser.prog)

@@ -146,7 +146,7 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
 
 def _implausible(guess: "RecordGuess") -> list[str]:
     """The properties of a record that no rig can have, in words."""
-    from ..metrics import clipped, held_in_words
+    from ..metrics import clipped, describe_hold
 
     said, numbers = [], guess.waveform.numbers
     frequency, peak = numbers.get("frequency"), abs(numbers.get("voltage", 0.0))
@@ -160,7 +160,7 @@ def _implausible(guess: "RecordGuess") -> list[str]:
             f"{count} samples at exactly the {end} of all, one after the other: a sensor or a scope at the end of its "
             "range shows nothing there; leave them out (exclude)"
         )
-    if held := held_in_words(measured):
+    if held := describe_hold(measured):
         said.append(held)
     return said
 

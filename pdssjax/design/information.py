@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from ..core import InputError
 
-UNSEEN = 1e-11
+NULL_EIGENVALUE = 1e-11
 """Eigenvalue of the scaled information below which a direction is not determined: an error of 3e5 times the least."""
 
 TAKES_PART = 0.02
@@ -50,7 +50,7 @@ class Noise(NamedTuple):
             drawn[i] = correlation * drawn[i - 1] + math.sqrt(1.0 - correlation**2) * steps[i]
         return self.deviation * drawn
 
-    def times_columns(
+    def covariance_product(
         self, columns: Float[np.ndarray, "n q"], times: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, "n q"]:
         """The covariance of the noise at `times` [s] times the `columns`, by two recursions."""
@@ -105,7 +105,7 @@ def least_squares_errors(
     for columns, times, noise in records:
         centred = (columns - columns.mean(axis=0)) / noise.deviation**2
         normal += centred.T @ columns
-        middle += centred.T @ noise.times_columns(centred, times)
+        middle += centred.T @ noise.covariance_product(centred, times)
     inverse = inverse_of(normal)
     return inverse @ middle @ inverse
 
@@ -138,14 +138,14 @@ def unseen_combinations(information: Float[np.ndarray, "q q"], paths: Sequence[s
     """
     diagonal = np.diag(information)
     largest = float(np.max(diagonal, initial=0.0))
-    seen = diagonal > UNSEEN * UNSEEN * largest
+    seen = diagonal > NULL_EIGENVALUE * NULL_EIGENVALUE * largest
     found = [Unseen({path: 1.0}) for path, is_seen in zip(paths, seen, strict=True) if not is_seen]
     kept = np.flatnonzero(seen)
     if not kept.size:
         return found
     scale = np.sqrt(diagonal[kept])
     values, vectors = np.linalg.eigh(information[np.ix_(kept, kept)] / np.outer(scale, scale))
-    for vector in vectors.T[values <= UNSEEN * values[-1]]:
+    for vector in vectors.T[values <= NULL_EIGENVALUE * values[-1]]:
         direction = vector / scale
         direction = direction / direction[np.argmax(np.abs(direction))]
         names = [path for path, is_seen in zip(paths, seen, strict=True) if is_seen]

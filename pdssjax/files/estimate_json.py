@@ -1,4 +1,7 @@
-"""Takes a study's numbers from an earlier estimate, and tells which numbers are used and where they come from."""
+"""The text of estimate.json, and a study with the values or the covariance read back from one.
+
+`estimate_results.py` writes the file; `estimate_folder.py` reads a whole `Estimate` back.
+"""
 
 import dataclasses
 import json

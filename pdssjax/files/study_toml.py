@@ -147,7 +147,10 @@ def _check_durations(top: Table, study: Study) -> None:
 
 
 def _check_jumps(top: Table, study: Study) -> None:
-    """Where a platform follows the voltage at once, not every measurement is told through a jump, nor a force felt."""
+    """Check the records of a piezo whose platform follows the voltage at once.
+
+    It feels no force, and some measurements are undefined at a jump.
+    """
     if study.piezo.is_compliant:
         return
     if study.feedback:

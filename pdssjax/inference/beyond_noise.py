@@ -85,12 +85,12 @@ def exceeds_floor(record: FittedRecord) -> bool:
     1 at most in thousands of trials, since its upper tail is long.
     """
     least = max(ABOVE_FLOOR, 1.0 + 1.2 * SIGNIFICANT / np.sqrt(record.samples))
-    return record.samples >= FEWEST_SAMPLES and above_floor(record) > least and not is_even(record)
+    return record.samples >= FEWEST_SAMPLES and above_floor(record) > least and not could_be_noise(record)
 
 
-def is_even(record: FittedRecord) -> bool:
-    """Residuals are as large along all of a record, as noise is, whatever its colour."""
-    return unevenness(record.rest, record.time) <= SIGNIFICANT
+def could_be_noise(record: FittedRecord) -> bool:
+    """Residuals do not repeat, and are as large along all of a record, as noise is, whatever its colour."""
+    return not repeats(record) and unevenness(record.rest, record.time) <= SIGNIFICANT
 
 
 def exceeds_noise(record: FittedRecord) -> bool:

@@ -64,7 +64,7 @@ class Evidence:
     problem: Problem
     fit: Fit
     study: Study | None = None
-    """Whose records that were not fitted are to be predicted; None: none are."""
+    """The study whose validation records are predicted; None: no validation records are judged."""
     after_stack: bool = False
     """The fit is the second of two steps: of what is fitted after the stack, to what does not show the platform
     alone."""
@@ -130,7 +130,7 @@ class Evidence:
 
     @cached_property
     def noise_is_given(self) -> Bool[np.ndarray, " records"]:
-        """Of which records."""
+        """Whether the study gives the noise of each record."""
         return np.array([record.noise is not None for record in self.problem.records], bool)
 
     @property
@@ -165,10 +165,10 @@ class Evidence:
 
     @cached_property
     def undisturbed_point(self) -> Float[np.ndarray, " p"]:
-        """Where the fit would end without the samples that stand out, on its scale; where it ended if none does.
+        """Optimum of the fit without the samples that stand out, on its scale; the fitted point where none does.
 
-        The step there is that of the linear model.  Where it leaves more of the other samples than the fit does the
-        model is not linear so far, and the fit's end it is.
+        The step there is that of the linear model.  It is discarded where it does not lower the sum of squares of the
+        other samples: the model is not linear over that distance.
         """
         problem, fit, found = self.problem, self.fit, self.without_outliers
         if not found.step.any():

@@ -33,7 +33,7 @@ from .kept_fit import FitAndStarts, fit_document, restored_fit, run_settings
 from .least_squares import MAX_ITERATIONS, Fit, FitMethod, Method, Progress, evaluated, joint, quiet
 from .losses.base import AbstractLoss
 from .problem import Problem
-from .record_checks import check_measured_once, question_signs
+from .record_checks import check_measured_once, warn_of_reversed_signs
 from .search.multistart import BestPoint, Point, best_fit, best_of_starts, check_starts, completed, with_noise
 from .solver.minimisers import Minimiser, check_minimiser
 from .stack_first.held_stack import due_to_stack, rejoined, sequential, with_stack_held
@@ -79,29 +79,42 @@ def identify(
     minimiser: Minimiser | None = None,
     check_with: Given = None,
 ) -> Estimate:
-    """The free parameters of a study from its records with role "fit", with uncertainties.
+    """Estimate the free parameters of a study from its records with role "fit", with uncertainties.
 
-    **Arguments:** `method` is "joint", all parameters from all records at once, or "sequential": the piezo from the
-    platform records, then the others with the piezo held, the first step's errors carried on into the second; or
-    "peaks", the thesis's way: the same with the piezo from the peaks of step responses (`peak_picking`).  `intervals`
-    are "linear", symmetric on the scale of the fit; of a joint fit those by "profile" likelihood, which hold where
-    chi-square is no parabola and take a few evaluations with derivatives an end, or those of its "posterior"; or those
-    of a "bootstrap", which takes a whole fit a replicate, not for "peaks".  `drawing` says how many draws these two
-    make, and where they are kept.  `loss` is "squares", or of a joint fit "huber" or "cauchy", under which glitches
-    pull little; its errors are those of a sandwich covariance, its intervals linear.  `effort` is "quick", "usual" or
-    "thorough", or an `Effort` of your own: how many starts a doubtful fit is compared with, how many evaluations that
-    may take, and after which slow steps a fit ends.  So many other `starts` are
-    fitted besides the usual ones and compared (`Estimate.multistart`).  Fits and chains that do not need each other
-    run where the `executor` says, in this thread if it is None; profiles and chains only in threads, and processes only
-    where they are spawned, not forked.  `progress` takes lines of text; left out, notebooks show a bar.
-    `solver`, a name of `pdssjax.integration.SOLVERS` or a solver of diffrax, integrates in place of the study's, and
-    `minimiser`, such as `optimistix.Dogleg(rtol=1e-8, atol=1e-8)`, minimises in place of the package's own.
-    `check_with`, given like `solver`, fits again from the optimum by that integrator (`Estimate.check`).
+        study = pdssjax.load_study("my-rig/study.toml")
+        estimate = pdssjax.identify(study, intervals="profile")
+        estimate.parameters["friction.sigma0_a"].interval
 
-    **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them from.  A fit that does
-    not converge is returned all the same, with `converged` False and the reason in `message`.  `FitInterrupted`, a
-    `KeyboardInterrupt` whose `estimate` is that at the best point so far, if it is broken off.  Warns with
-    `InputWarning` where a record moves against its drive.
+    **Arguments:**
+
+    - `study`: models, parameters and records.
+    - `method`: "joint", all parameters from all records at once; "sequential", the piezo from the platform records,
+      then the others with the piezo held and its errors propagated; "peaks", as sequential, but with the piezo read
+      from the peaks of step responses (`peak_picking`).
+    - `intervals`: "linear", symmetric on the scale of the fit; "profile" (joint only), by profile likelihood;
+      "posterior" (joint only), by draws of the posterior; "bootstrap" (not "peaks"), one whole fit per replicate.
+    - `loss`: "squares"; or, for a joint fit with linear intervals, "huber" or "cauchy", which limit the influence of
+      outliers and have standard errors from a sandwich covariance.
+    - `effort`: "quick", "usual", "thorough" or an `Effort`: how many starts a doubtful fit is compared with, how many
+      evaluations that may take, and after how many slow steps a fit ends.
+    - `drawing`: number, seed and storage of bootstrap replicates or posterior draws.
+    - `starts`: number of additional starts to fit and compare (`Estimate.multistart`).
+    - `executor`: where independent fits and chains run; None: in this thread.  Profiles and posteriors need threads;
+      processes must be spawned, not forked.
+    - `progress`: called with lines of text; None: a bar in notebooks.
+    - `accuracy` or `solver` (not both): how to integrate, in place of the study's solver.  `solver` is a name in
+      `pdssjax.integration.SOLVERS` or a diffrax solver.
+    - `minimiser`: an optimistix solver such as `optimistix.Dogleg(rtol=1e-8, atol=1e-8)`, in place of
+      `BoundedLevenbergMarquardt`.
+    - `check_with`: an integrator, given as `solver` is, by which the fit is repeated from its optimum
+      (`Estimate.check`).
+
+    **Returns:** the estimate.  A fit that does not converge is returned, too, with `converged` False and the reason in
+    `message`.
+
+    **Raises:** `InputError` where there is nothing to fit, or no record to pick peaks from.  `FitInterrupted`, a
+    `KeyboardInterrupt` with the best point so far in `estimate`.  Warns with `InputWarning` where a record moves
+    against its drive.
     """
     require_float64("identify")
     begun = time.perf_counter()
@@ -215,7 +228,7 @@ def _check_way(study: Study, method: str, intervals: Intervals, executor: Execut
     """**Raises** `InputError` where a `study` cannot be fitted so; warns where a record moves against its drive."""
     check_method(study, method)
     check_intervals(intervals, method, executor)  # pyright: ignore[reportArgumentType]
-    question_signs([record for record in study.records if record.role == "fit"])
+    warn_of_reversed_signs([record for record in study.records if record.role == "fit"])
 
 
 def _way(method: Method, minimiser: Minimiser | None) -> FitMethod:

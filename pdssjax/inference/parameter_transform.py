@@ -35,7 +35,7 @@ class Ties:
 @register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class ParameterTransform:
-    """The free parameters as the fit sees them: one number each, of order one, unbounded below.
+    """Map between the free parameters [SI] and the fit's numbers: of order one, bounded by `low` and `high`.
 
     A positive quantity is fitted by its logarithm; a signed one, or one that may be zero,
     by its ratio to a typical size.

@@ -65,7 +65,7 @@ _FEWEST_MOVING = 8
 """Samples from which it is looked at."""
 
 
-def question_signs(records: Sequence[Record]) -> None:
+def warn_of_reversed_signs(records: Sequence[Record]) -> None:
     """Warn with `InputWarning` of records of displacements that move against their drives."""
     for record in records:
         if found := _doubt(record):

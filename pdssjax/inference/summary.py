@@ -1,8 +1,7 @@
-"""Turns a fit into an estimate: its verdict (did it fail?), errors, correlations, statistics and notes.
+"""Turn a fit into an `Estimate`: verdict, standard errors, correlations, statistics, notes and pulls.
 
-How far estimates lie from what was measured apart: the pull.
-
-An estimate p combines the told value t, of standard error s, with the records, and is correlated with it:
+The pull of a parameter compares its estimate p with an independent measurement t of standard error s that the fit uses.
+The two are correlated:
 
     var(p - t) = var(p) + s^2 - 2 cov(p, t)
 
@@ -83,7 +82,7 @@ def summarise(
     problem, fit = evidence.problem, evidence.fit
     free, loss = problem.residual.transform, problem.residual.loss
     values = {path: float(value) for path, value in {**starts, **free.decode(fit.free)}.items()}
-    known, naive, with_told, factor, freedom = standard_errors_of(method, evidence, stack)
+    known, naive, cov_with_prior, factor, freedom = standard_errors_of(method, evidence, stack)
     mixed = inseparable(problem, fit)
     weakly_determined, known, deviation = _determined(known, free, mixed)
     slopes = np.abs(free.slope(fit.free))
@@ -98,7 +97,7 @@ def summarise(
     if naive is not None:
         own_naive = np.diag(free.own_covariance(naive))
         parameters = _with_naive_errors(parameters, free.paths, np.sqrt(own_naive) * slopes)
-    parameters |= _with_told(parameters, study, free.paths, slopes**2 * with_told)
+    parameters |= _with_told(parameters, study, free.paths, slopes**2 * cov_with_prior)
     records = _compared(study, evidence, known.matrix, values, factor)
     diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
     if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
@@ -186,11 +185,14 @@ def how_it_ended(problem: Problem, fit: Fit, values: Mapping[str, float]) -> str
 
 
 def _with_told(
-    parameters: Mapping[str, FittedParameter], study: Study, paths: Sequence[str], with_told: Float[np.ndarray, " p"]
+    parameters: Mapping[str, FittedParameter],
+    study: Study,
+    paths: Sequence[str],
+    cov_with_prior: Float[np.ndarray, " p"],
 ) -> dict[str, FittedParameter]:
-    """Parameters that were measured apart, with their pulls; `with_told`: covariances with the told numbers, SI."""
+    """Parameters that were measured apart, with their pulls; `cov_with_prior`: covariances with those numbers, SI."""
     out = {}
-    for path, covariance in zip(paths, with_told, strict=True):
+    for path, covariance in zip(paths, cov_with_prior, strict=True):
         found, told = parameters[path], study.parameters[path].measured_apart
         if told is not None:
             # At a bound it is not where chance would have it.

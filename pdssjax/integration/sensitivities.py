@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float
 from ..core import Scalar, Truth
 from .accuracy import Accuracy
 from .polynomials import horner
-from .step_end import event_shift_of, exact_end, moved_end, moving_end
+from .step_end import end_to_first_order, end_to_second_order, event_shift_of, exact_end
 from .step_methods.base import AbstractStepMethod, KnownStep
 from .step_table import KNOWN_COLUMNS, read
 from .system import (
@@ -187,7 +187,7 @@ def _linearised(
         x = computed_once(true, lambda polynomials: [horner(list(p), duration) for p in polynomials], polynomials)
         x = computed_once(true, again.side_by_side(exact_end), inputs, x)
         shift = computed_once(true, again.side_by_side(event_shift_of), inputs, x)
-        return (again.side_by_side(moved_end)(inputs, x, shift), shown), shown
+        return (again.side_by_side(end_to_first_order)(inputs, x, shift), shown), shown
 
     # The rows do not know of each other: one direction serves them all.
     inputs = again.inputs
@@ -214,7 +214,7 @@ def _bent(
     def flow(inputs: Float[Array, "rows inputs"]) -> tuple[Array, Array]:
         polynomials = method.expand(again.step, inputs, again.known)
         each = jnp.stack([coefficients.T for coefficients in polynomials], axis=1)
-        return again.side_by_side(moving_end)(inputs, each), _kept(polynomials, keep)
+        return again.side_by_side(end_to_second_order)(inputs, each), _kept(polynomials, keep)
 
     def bend(pair: tuple[Array, Array]) -> tuple[Array, Array]:
         slope = lambda inputs: jax.jvp(flow, (inputs,), (along[..., pair[0]],))[1]

@@ -1,8 +1,8 @@
 """How a step of the table ends, as a function of its begin and of the system: to first order, and to second.
 
-To first order the step's end moves along the field by as much as its event or its corner does (`moved_end`); what the
-field does after the switch follows in the next step.  To second order it moves along the motion itself
-(`moving_end`).
+To first order (`end_to_first_order`) the step's end moves along the field by as much as its event or its corner does;
+what the field does after the switch follows in the next step.  To second order (`end_to_second_order`) it moves along
+the motion itself.
 """
 
 from collections.abc import Callable
@@ -71,7 +71,7 @@ def _ending_guard(
     return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
 
 
-def moved_end(
+def end_to_first_order(
     system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar], shift: Shift
 ) -> Float[Array, " begin"]:
     """The end (origin, after, x) of a step of the table, given where it leads and how its end moves.
@@ -160,10 +160,10 @@ def _tangent_only(x: Scalar) -> Scalar:
     return x - lax.stop_gradient(x)
 
 
-def moving_end(
+def end_to_second_order(
     system: AbstractHybridSystem, row: Float[Array, " columns"], polynomials: Float[Array, "components coefficients"]
 ) -> Float[Array, " begin"]:
-    """The end of a step as `moved_end` has it, right to the second derivative: along the motion, not along its tangent.
+    """The end of a step, right to the second derivative: it moves along the motion, not along its tangent.
 
     The shift of its time is zero in value, so that its square is all that the motion, and half the bend of its margin
     over the slope all that the time of an event, needs besides the tangent.

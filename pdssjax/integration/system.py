@@ -90,7 +90,7 @@ class AbstractHybridSystem(eqx.Module):
         """Displacement that one unit of each component stands for [m]: tolerances are displacements."""
 
     def error_scale(self, x: State) -> State:
-        """The `state_scale` by which the error of a step from `x` is judged: where tolerances are relative, not one."""
+        """Displacement [m] that a unit of each component's step error from `x` counts as; override for relative."""
         return self.state_scale()
 
     def guards_along(
@@ -127,7 +127,7 @@ class AbstractHybridSystem(eqx.Module):
     def is_settled(
         self, segment: InputSegment, t_local: ScalarLike, x: State, mode: Scalar, tolerance: ScalarLike
     ) -> Truth:
-        """Whether nothing but the steady solution is left of the segment, to within `tolerance` [m]; never in doubt."""
+        """Whether the motion is within `tolerance` [m] of the segment's steady solution; must be False where unsure."""
         return jnp.zeros((), bool)
 
     def project_to_steady(self, segment: InputSegment, t_local: ScalarLike, x: State, mode: Scalar) -> State:

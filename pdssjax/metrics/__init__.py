@@ -26,7 +26,7 @@ if TYPE_CHECKING:
         noise_in_time as noise_in_time,
         sample_autocovariance as sample_autocovariance,
         stationary_noise as stationary_noise,
-        stationary_times as stationary_times,
+        toeplitz_product as toeplitz_product,
         unevenness as unevenness,
     )
     from .per_cycle import (
@@ -69,10 +69,10 @@ if TYPE_CHECKING:
     from .sensor_samples import (
         clipped as clipped,
         counts_without_noise as counts_without_noise,
+        describe_hold as describe_hold,
         flicker_of as flicker_of,
         fresh_samples as fresh_samples,
-        held_for as held_for,
-        held_in_words as held_in_words,
+        hold_length as hold_length,
         neighbour_scatter as neighbour_scatter,
         resolution_of as resolution_of,
         rounding_of_counts as rounding_of_counts,

@@ -1,6 +1,6 @@
 """Step efficiency, speed and output force of an actuator from a record alone, as in chapter 3 of the thesis.
 
-The cycles are found in the record itself (`cycles`), the metrics are those of `metrics`.  Lengths
+The cycles are found in the record itself (`cycle_detection`), the metrics are those of `per_cycle`.  Lengths
 and forces are turned so that they are positive along the slow flank: a backward motion is reported
 like a forward one, as the thesis does from its figure 3.8 on.
 

@@ -67,9 +67,11 @@ class StationaryNoise(NamedTuple):
         covariance = self.autocovariance(_lags(time))
         return float(1.0 / (1.0 + 2.0 * np.sum((covariance[1:] / covariance[0]) ** 2)))
 
-    def times(self, columns: Float[np.ndarray, "n p"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n p"]:
+    def covariance_product(
+        self, columns: Float[np.ndarray, "n p"], time: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "n p"]:
         """C X, with C the covariance of samples at `time` [s], on an even grid; no matrix C is made."""
-        return stationary_times(self.autocovariance(_lags(time)), columns, _places(time))
+        return toeplitz_product(self.autocovariance(_lags(time)), columns, _places(time))
 
 
 def _places(time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
@@ -150,7 +152,7 @@ def stationary_noise(
     return best[1]
 
 
-def stationary_times(
+def toeplitz_product(
     autocovariance: Float[np.ndarray, " lags"], columns: Float[np.ndarray, "n p"], positions: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n p"]:
     """C X, with C the covariance of noise of this `autocovariance` at the `positions`; no matrix C is made.
@@ -236,9 +238,15 @@ class NoiseInTime(NamedTuple):
         """Independent samples per sample, by the variance of their mean square (M. S. Bartlett, 1946)."""
         # exp(-2 t / tau) cos(w t)^2 in two parts.
         parts = (NoiseInTime(1.0, self.share**2, 0.5 * self.duration, turn) for turn in (0.0, 2.0 * self.pulsation))
-        return 2.0 * time.size / float(sum(np.sum(part.times(np.ones((time.size, 1)), time)) for part in parts))
+        return (
+            2.0
+            * time.size
+            / float(sum(np.sum(part.covariance_product(np.ones((time.size, 1)), time)) for part in parts))
+        )
 
-    def times(self, columns: Float[np.ndarray, "n p"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n p"]:
+    def covariance_product(
+        self, columns: Float[np.ndarray, "n p"], time: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "n p"]:
         """C X, with C the covariance of samples at `time` [s], in ascending order; no matrix C is made."""
         out = self.variance * (1.0 - self.share) * columns
         if self.share == 0.0:

@@ -165,7 +165,7 @@ _CONTINUING_SHARE = 0.05
 """Least share of large steps in the direction of the step before; a sampled square wave only alternates."""
 
 
-def held_for(measured: Float[np.ndarray, " samples"]) -> float | None:
+def hold_length(measured: Float[np.ndarray, " samples"]) -> float | None:
     """Mean number of samples for which a sensor holds each value; None where every sample is a new value."""
     steps = np.diff(measured)
     places = np.flatnonzero(steps)
@@ -192,17 +192,17 @@ def held_for(measured: Float[np.ndarray, " samples"]) -> float | None:
     return float(np.mean(lengths[once]))
 
 
-def held_in_words(measured: Float[np.ndarray, " samples"]) -> str:
+def describe_hold(measured: Float[np.ndarray, " samples"]) -> str:
     """Describe a sensor that holds its values, and what to do about it, as a clause after "found"; "" of others."""
-    every = held_for(measured)
+    every = hold_length(measured)
     if every is None:
         return ""
     cure = f"write held = {every:.0f} in its [[record]]"
     if abs(every - round(every)) > _OUT_OF_STEP:
-        cure = "read it at the rate at which the sensor shows new ones"
+        cure = "export the record at the rate at which the sensor updates"
     return (
-        f"a new value at every {every:.2g} samples only, and the one before in between, as of a sensor that holds its "
-        f"output: it is late there, and the stack looks slower than it is; {cure}"
+        f"a new sensor value only every {every:.2g} samples, repeated in between (sample and hold): repeated values "
+        f"lag behind, which makes the stack look slower than it is; {cure}"
     )
 
 

@@ -23,10 +23,10 @@ class Difference(NamedTuple):
     """By how much one model predicts held-out samples better than another."""
 
     total: float
-    """Of the log scores of all parts; positive where the first is better."""
+    """Difference of the log scores, summed over all parts; positive where the first model is better."""
     standard_error: float
     matters: bool
-    """It is not below `scores.LEAST`, nor below half of what the better one leaves beyond noise."""
+    """It is not below `scores.MIN_SCORE_DIFFERENCE`, nor below half of what the better one leaves beyond noise."""
 
     @property
     def sigmas(self) -> float:

@@ -32,15 +32,15 @@ the parameters, and each slice is long beside what the samples next to it tell o
 BLOCK_SAMPLES = 20
 """Samples of a block, about; a record of fewer than two blocks is not cut."""
 
-WORSE = 0.5
+MAX_CHI2_RISE = 0.5
 """Chi-square by which the samples that were left may fare worse after a step that is believed: a fit without the part
 would lower theirs, by what a parameter gains by chance or more."""
 
-TOLD = 1e-4
+MIN_INFORMATION_SHARE = 1e-4
 """Share of the information on a direction that has to be left without a part; with less of it the direction stays
 where all samples have it."""
 
-REFIT = 20
+REFIT_ITERATIONS = 20
 """Linearisations of a fit without a part, which begins near its optimum."""
 
 
@@ -154,12 +154,12 @@ class _Optimum(NamedTuple):
         basis, residual = self.basis * left[:, None], self.residual_at * left
         # Of what all samples tell of each direction, the share that is left without the part.
         share, axes = np.linalg.eigh(basis.T @ basis)
-        told = share > TOLD
+        told = share > MIN_INFORMATION_SHARE
         step = self.spread @ (axes[:, told] @ ((axes[:, told].T @ -(basis.T @ residual)) / share[told]))
         free = self.free.copy()
         free[self.moved] += step[: int(np.sum(self.moved))]
         free = np.clip(free, *self.problem.bounds)
-        if self._chi2(free, part) <= self._chi2(self.free, part) + WORSE:
+        if self._chi2(free, part) <= self._chi2(self.free, part) + MAX_CHI2_RISE:
             return free, False
         return self._refitted(part), True
 
@@ -187,7 +187,7 @@ class _Optimum(NamedTuple):
         used[self.places[part.record]] = ~part.rows
         problem = self.problem.fitted_to(used)
         every = np.ones(len(used), bool)
-        fit = fit_phase(problem, self.free, every, self.moved, "all", lambda told: None, REFIT)
+        fit = fit_phase(problem, self.free, every, self.moved, "all", lambda told: None, REFIT_ITERATIONS)
         return np.asarray(fit.free)
 
     def residual(self, part: Part, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, " held"]:

@@ -12,9 +12,9 @@ the noise.
 With w = L^-1 e, L L' = C, two models differ by d = (|w_b|^2 - |w_a|^2) / 2 in a part.  By noise alone d varies by
 |w_a - w_b|^2.  Where the better one leaves more than noise, too, and the parts of a record differ more than that, their
 scatter counts (Q. H. Vuong, Econometrica 57(2), 1989).  A difference is significant from two standard errors on, and
-matters where it exceeds both `LEAST` and half of what the better model itself leaves beyond noise: where no model is
-right, differences below their common error are no reason to choose.  On blocks of time it does not matter, either,
-where the model behind has fewer parameters and Schwarz's criterion of its fit is no higher.
+matters where it exceeds both `MIN_SCORE_DIFFERENCE` and half of what the better model itself leaves beyond noise: where
+no model is right, differences below their common error are no reason to choose.  On blocks of time it does not matter,
+either, where the model behind has fewer parameters and Schwarz's criterion of its fit is no higher.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,17 +29,17 @@ from ..study import Record, cycles_a_second
 from .comparison import Difference
 from .held_out import Part
 
-LEAST = 3.0
+MIN_SCORE_DIFFERENCE = 3.0
 """Difference of log scores below which none matters: odds of twenty to one."""
 
-AT_ONCE = 256
+WHITENING_BLOCK = 256
 """Samples between which covariances are computed at once; longer parts are cut, and the pieces taken for
 independent."""
 
-EVEN = 1e-6
+NUGGET = 1e-6
 """Part of the variance that is white, so that the covariance of very slow noise can be inverted."""
 
-BEYOND = 4.0
+EXCESS_SIGMAS = 4.0
 """Standard deviations by which |w|^2 has to exceed the number of samples for a model to leave more than noise."""
 
 
@@ -68,7 +68,7 @@ def common_noise(record: Record, predicted: Float[np.ndarray, " samples"], freed
     found = split_residuals(rest, record.time, frequency, freedom).noise
     share = min(max(found.independent(record.time), 1.0 / record.time.size), 1.0)
     variance = _variance(found)
-    by_chance = 1.0 + BEYOND * float(np.sqrt(2.0 / (share * record.time.size)))
+    by_chance = 1.0 + EXCESS_SIGMAS * float(np.sqrt(2.0 / (share * record.time.size)))
     told = 0.0 if record.noise is None else record.noise**2
     is_told = told > 0.0 and variance <= by_chance * told
     wanted = told if is_told else variance or 1.0
@@ -112,7 +112,7 @@ def whitener(record: Record, noise: CommonNoise, rows: Bool[np.ndarray, " sample
     cuts = np.flatnonzero(np.diff(places[compared]) > 1) + 1
     pieces, volume = [], 0.0
     for run in np.split(compared, cuts):
-        for piece in np.array_split(run, -(-run.size // AT_ONCE)) if run.size else ():
+        for piece in np.array_split(run, -(-run.size // WHITENING_BLOCK)) if run.size else ():
             root = np.linalg.cholesky(_covariance(record, noise.noise, places[piece]))
             pieces.append((piece, np.linalg.inv(root)))
             volume += 2.0 * float(np.sum(np.log(np.diag(root)))) + piece.size * np.log(2.0 * np.pi)
@@ -126,7 +126,7 @@ def _covariance(record: Record, noise: StationaryNoise | NoiseInTime, places: np
         grid = grid_positions(record.time)
         at = (np.arange(record.time.size) if grid is None else grid)[places]
         out = noise.autocovariance(int(at[-1] - at[0]) + 1)[np.abs(at[:, None] - at)]
-    return out + EVEN * out[0, 0] * np.eye(places.size)
+    return out + NUGGET * out[0, 0] * np.eye(places.size)
 
 
 class Scores(NamedTuple):
@@ -156,7 +156,7 @@ class Scores(NamedTuple):
         """By how much |w|^2 of a model exceeds the number of samples, where that is beyond chance; else 0."""
         w = np.concatenate([np.zeros(0), *self.whitened[name]])
         over = float(w @ w) - w.size
-        return over if over > BEYOND * np.sqrt(2.0 * max(w.size, 1)) else 0.0
+        return over if over > EXCESS_SIGMAS * np.sqrt(2.0 * max(w.size, 1)) else 0.0
 
     def difference(self, first: str, second: str) -> Difference:
         """By how much the `first` model is better than the `second` one."""
@@ -171,7 +171,7 @@ class Scores(NamedTuple):
             if count > 1 and left:
                 scatter = count * float(np.var(values[here], ddof=1))
             variance += max(scatter, float(np.sum(chance[here])))
-        matters = abs(total) >= max(LEAST, 0.5 * left)
+        matters = abs(total) >= max(MIN_SCORE_DIFFERENCE, 0.5 * left)
         if self.criteria:
             ahead, behind = (self.criteria[name] for name in ((first, second) if total >= 0.0 else (second, first)))
             # A block may hold nearly all that tells a parameter, and what is predicted of it be off for the right law.

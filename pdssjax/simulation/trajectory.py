@@ -106,8 +106,8 @@ def simulate(
     `grazing` whether it has derivatives (else they are NaN).
 
     Differentiable in every parameter of `actuator` and `drive`; works under `jit`,
-    `vmap`, `jvp` and `grad`.  A run that cannot finish gives NaN and says why in `failure`.  It is compiled once
-    for models of one kind and as many times, whatever their numbers, under `jit` or not.
+    `vmap`, `jvp` and `grad`.  A run that cannot finish gives NaN and says why in `failure`.  The program is compiled
+    once per kind of models and number of sample times, whatever the parameter values, under `jit` or not.
 
     **Raises:** `InputError` that names the argument for one of another kind, for times that are not of shape (m,) or
     descend, for a quantity that is an array of several numbers or outside its legal range, for a drive that never

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
         chained as chained,
     )
     from .estimate import (
+        NEGLIGIBLE_AMPLIFICATION as NEGLIGIBLE_AMPLIFICATION,
         OWN_MINIMISER as OWN_MINIMISER,
-        UNSEEN as UNSEEN,
         Amplification as Amplification,
         ErrorAdvice as ErrorAdvice,
         Estimate as Estimate,

@@ -15,7 +15,7 @@ from .findings import Diagnosis, Draws, IntegratorCheck, Multistart, Profile
 if TYPE_CHECKING:
     import pandas
 
-UNSEEN = 5e-3
+NEGLIGIBLE_AMPLIFICATION = 5e-3
 """Relative change for a relative change of 1 that a table of two digits shows as none."""
 
 
@@ -163,7 +163,7 @@ class Amplification:
 
     def visible(self) -> "Amplification":
         """Without the parameters that move nothing, and those that nothing moves; all of them where none does."""
-        seen = np.abs(self.matrix) >= UNSEEN
+        seen = np.abs(self.matrix) >= NEGLIGIBLE_AMPLIFICATION
         rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
         if not rows.size:
             return self

@@ -19,7 +19,7 @@ class Record:
     name: str
     """Name of the record in reports; no other record of the study has it."""
     file: Path
-    """The CSV file it comes from."""
+    """The data file it comes from, in any format of `pdssjax.files.readers`."""
     role: str
     """"fit": fitted; "validate": only predicted and compared."""
     measurement: AbstractMeasurement

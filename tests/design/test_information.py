@@ -39,7 +39,7 @@ def test_neighbours_far_apart_are_independent():
 
 @pytest.mark.parametrize("noise", [WHITE, COLOURED])
 def test_the_covariance_times_columns_is_that_of_the_dense_matrix(noise):
-    assert np.allclose(noise.times_columns(COLUMNS, TIMES), dense(noise) @ COLUMNS)
+    assert np.allclose(noise.covariance_product(COLUMNS, TIMES), dense(noise) @ COLUMNS)
 
 
 def test_noise_is_drawn_by_the_factor_of_its_covariance():

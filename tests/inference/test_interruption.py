@@ -124,7 +124,7 @@ def test_before_the_first_iteration_there_is_nothing_to_keep(tmp_path, capsys, m
     assert broken.value.estimate is None
     monkeypatch.setattr("pdssjax.inference.identification.best_fit", lambda *given: interrupting("")("now"))
     assert main(["identify", str(study), "--out", str(tmp_path / "out")]) == 130
-    told = "pdssjax: only starts had been looked for, and nothing is written\npdssjax: interrupted\n"
+    told = "pdssjax: interrupted while searching for starts; nothing is written\npdssjax: interrupted\n"
     assert capsys.readouterr().err.endswith(told)
     assert not (tmp_path / "out").exists()
 

@@ -7,7 +7,7 @@ import pytest
 
 import pdssjax
 from pdssjax import InputWarning, pose_problem
-from pdssjax.inference.search.multistart import question_lengths
+from pdssjax.inference.search.multistart import warn_of_memory_use
 
 STUDY = """\
 format = "pdssjax-study/1"
@@ -40,7 +40,7 @@ def questioned(folder, law, seconds):
     parameters = "\n".join(f'"piezo.{name}" = {{}}' for name in names)
     (folder / "study.toml").write_text(STUDY.format(law=law, parameters=parameters))
     study = pdssjax.load_study(folder / "study.toml")
-    question_lengths(pose_problem(study)[0], pdssjax.initial_guess(study))
+    warn_of_memory_use(pose_problem(study)[0], pdssjax.initial_guess(study))
 
 
 def test_a_long_record_that_is_stepped_is_questioned(tmp_path):

@@ -10,6 +10,7 @@ import fabricated
 import numpy as np
 import pytest
 from record_tables import SHORT, record_table, step_table
+from scipy.signal import lfilter
 
 import pdssjax
 from pdssjax import Accuracy, Record
@@ -229,6 +230,26 @@ def test_chance_alone_raises_no_alarm(samples):
     assert not any(map(exceeds_given_noise, made))
     assert not any(map(exceeds_floor, made))
     assert sum(exceeds_given_noise(made_record(samples, 3.0 * NOISE, seed)) for seed in range(30)) == 30
+
+
+@pytest.mark.parametrize(("kind", "said"), [("noise", True), ("swelling", False), ("repeating", False)])
+def test_residuals_with_alike_neighbours_are_noise_where_they_lie_everywhere_and_do_not_repeat(kind, said):
+    """Filtered noise; the same at one place; and the same in every cycle, which is as large everywhere."""
+    time, random = np.arange(4000) * 1e-3, np.random.default_rng(4)
+    slow = lfilter([1.0], [1.0, -0.9], random.normal(0.0, NOISE, 5000))[1000:]
+    left = {
+        "noise": slow,
+        "swelling": slow * np.exp(-(((time - 2.5) / 0.5) ** 2)),
+        "repeating": np.tile(slow[:200], 20),
+    }
+    measured = 1e-5 * time + left[kind] + random.normal(0.0, 0.2 * NOISE, time.size)
+    drive = Sawtooth(frequency=5.0)
+    posed = Record("r", FILE, "fit", Platform(), drive, frozenset(), time, measured, None, 0.0)  # pyright: ignore[reportArgumentType]
+    made = compare(posed, 1e-5 * time, noise=float(np.std(left[kind])), offset=0.0)
+    assert exceeds_floor(made) is not said
+    notes = " ".join(about_records([made], 1.0, False))
+    assert ("coloured noise, as of a filter in the sensor" in notes) is said
+    assert ("correlated, as the model's errors are" in notes) is not said
 
 
 def test_what_chance_gives_is_that_of_chi_square():

@@ -7,7 +7,7 @@ import pytest
 
 from pdssjax import InputWarning, load_study
 from pdssjax.files import EXAMPLE
-from pdssjax.inference.record_checks import about_signs, question_signs
+from pdssjax.inference.record_checks import about_signs, warn_of_reversed_signs
 
 RECORDS = load_study(EXAMPLE / "study.toml").records
 
@@ -16,14 +16,14 @@ def test_records_that_move_with_their_drives_are_not_questioned():
     assert len(RECORDS) == 7
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        question_signs(RECORDS)
+        warn_of_reversed_signs(RECORDS)
     assert about_signs(RECORDS) == []
 
 
 @pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.name)
 def test_a_sensor_that_counts_the_other_way_is_questioned(record):
     with pytest.warns(InputWarning, match=r"found a motion against the voltage.*scale = -1") as said:
-        question_signs([dataclasses.replace(record, measured=-record.measured)])
+        warn_of_reversed_signs([dataclasses.replace(record, measured=-record.measured)])
     assert len(said) == 1
     assert ("direction" in str(said[0].message)) == (record.measures == "effector")
 
@@ -32,7 +32,7 @@ def test_the_other_direction_is_questioned():
     walk = next(record for record in RECORDS if record.name == "5 Hz A")
     turned = dataclasses.replace(walk.drive, direction=-walk.drive.direction)
     with pytest.warns(InputWarning, match="the drive's direction is the other one"):
-        question_signs([dataclasses.replace(walk, drive=turned)])
+        warn_of_reversed_signs([dataclasses.replace(walk, drive=turned)])
 
 
 def test_the_report_says_so_too():

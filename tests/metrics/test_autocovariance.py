@@ -11,7 +11,7 @@ from pdssjax.metrics import (
     neighbour_scatter,
     sample_autocovariance,
     stationary_noise,
-    stationary_times,
+    toeplitz_product,
 )
 
 RANDOM = np.random.default_rng(5)
@@ -40,7 +40,7 @@ def test_products_are_those_of_the_dense_matrix(missing):
     c = 1.3 * 0.7 ** np.arange(60)
     columns = RANDOM.normal(size=(places.size, 4))
     dense = toeplitz(c)[np.ix_(places, places)] @ columns
-    np.testing.assert_allclose(stationary_times(c, columns, places), dense, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(toeplitz_product(c, columns, places), dense, rtol=1e-12, atol=1e-12)
 
 
 def test_sample_autocovariances_are_the_sums_of_products():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdssjax.metrics import fresh_samples, held_for, held_in_words
+from pdssjax.metrics import describe_hold, fresh_samples, hold_length
 
 
 def rung(random, elapsed):
@@ -44,13 +44,13 @@ def recorded(random, kinds, held=1):
 def test_of_1000_records_without_a_hold_none_is_taken_for_one():
     random = np.random.default_rng(1)
     kinds = ["step", "sawtooth", "steps", "sine", "ramp", "rest", "square", "stairs"]
-    assert [found for found in (held_for(recorded(random, kinds)) for _ in range(1000)) if found is not None] == []
+    assert [found for found in (hold_length(recorded(random, kinds)) for _ in range(1000)) if found is not None] == []
 
 
 @pytest.mark.parametrize("held", [2, 3, 4, 5])
 def test_holds_of_records_that_ring_are_found(held):
     random = np.random.default_rng(held)
-    found = [held_for(recorded(random, ["step", "sawtooth", "steps"], held)) for _ in range(50)]
+    found = [hold_length(recorded(random, ["step", "sawtooth", "steps"], held)) for _ in range(50)]
     assert found == [held] * 50
 
 
@@ -58,8 +58,8 @@ def test_a_sensor_that_is_not_in_step_with_its_digitiser_is_found():
     time = 1e-5 * np.arange(2000)
     shown = np.floor(time / 2.5e-5 + 1e-9) * 2.5e-5
     seen = rung(np.random.default_rng(3), shown)
-    assert held_for(seen) == pytest.approx(2.5, abs=0.02)
-    assert "at the rate" in held_in_words(seen) and "held =" not in held_in_words(seen)
+    assert hold_length(seen) == pytest.approx(2.5, abs=0.02)
+    assert "at the rate" in describe_hold(seen) and "held =" not in describe_hold(seen)
 
 
 @pytest.mark.parametrize("first", [0, 1, 2])
@@ -69,9 +69,9 @@ def test_fresh_samples_are_those_at_which_the_value_changes(first):
     kept = fresh_samples(seen, 3)
     np.testing.assert_array_equal(seen[kept], new)
     assert np.flatnonzero(kept)[0] == first
-    assert "held = 3" in held_in_words(seen)
+    assert "held = 3" in describe_hold(seen)
 
 
 @pytest.mark.parametrize("values", [np.zeros(50), np.arange(3.0), np.full(40, np.nan), np.zeros(0)])
 def test_records_that_say_nothing_are_no_trouble(values):
-    assert held_for(values) is None and held_in_words(values) == ""
+    assert hold_length(values) is None and describe_hold(values) == ""

@@ -32,7 +32,7 @@ def made(noise, time, draws):
 def test_products_are_those_of_the_dense_matrix(noise):
     time, columns = clock("geometric", 700), RANDOM.normal(size=(700, 3))
     dense = noise.covariance_at(time[:, None] - time)
-    np.testing.assert_allclose(noise.times(columns, time), dense @ columns, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(noise.covariance_product(columns, time), dense @ columns, rtol=1e-11, atol=1e-11)
     assert noise.independent(time) == pytest.approx(700 * noise.variance**2 / np.sum(dense**2), rel=1e-10)
 
 
@@ -62,9 +62,9 @@ def test_slow_and_ringing_noise_beside_white_noise_is_found(kind, noise):
     """By what it makes of the mean and of a wave: neighbours taken for evenly spaced are off by factors of 2 to 6."""
     time = clock(kind, 400)
     waves = np.stack([np.ones(400), np.cos(1500.0 * time)], axis=1)
-    exact = np.sum(waves * noise.times(waves, time), axis=0)
+    exact = np.sum(waves * noise.covariance_product(waves, time), axis=0)
     found = [noise_in_time(values, time, 400.0) for values in made(noise, time, 20).T]
-    ratios = np.mean([np.sum(waves * other.times(waves, time), axis=0) for other in found], axis=0) / exact
+    ratios = np.mean([np.sum(waves * other.covariance_product(waves, time), axis=0) for other in found], axis=0) / exact
     assert np.all((ratios > 0.6) & (ratios < 1.6)), ratios
 
 

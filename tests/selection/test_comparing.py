@@ -94,7 +94,7 @@ def test_where_all_fail_nothing_is_chosen(tmp_path, monkeypatch):
     monkeypatch.setattr(candidate_fits, "fit_candidate", fit)
     found = compared(contact_study(tmp_path))
     assert found.chosen == "" and found.groups == ()
-    assert "No model has a fit" in format_selection(found)
+    assert "No model gave a fit" in format_selection(found)
     found.report(tmp_path / "page.html")
     with pytest.raises(InputError, match="found no model with a fit"):
         found.plot()

@@ -54,7 +54,7 @@ def test_what_is_held_out_is_predicted_as_by_a_fit_without_it(study, estimate, f
 
 
 def test_a_step_that_is_not_believed_is_fitted_again(study, fitted, monkeypatch):
-    monkeypatch.setattr(held_out, "WORSE", -np.inf)
+    monkeypatch.setattr(held_out, "MAX_CHI2_RISE", -np.inf)
     parts = held_out.parts_of(study)[:1]
     again = held_out.held_out(study, fitted, parts)
     assert again.refitted == 1

@@ -5,14 +5,14 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ...core import display_unit
-from ...metrics import counts_without_noise, drift_per_cycle, held_in_words, resolution_of, slip_delay
+from ...metrics import counts_without_noise, describe_hold, drift_per_cycle, resolution_of, slip_delay
 from ...study import Diagnosis, FittedRecord, Record
 from ..beyond_noise import (
     SIGNIFICANT,
     above_floor,
+    could_be_noise,
     exceeds_floor,
     exceeds_given_noise,
-    is_even,
     largest_by_chance,
     leaves_unresolved,
     neighbour_correlation,
@@ -202,7 +202,7 @@ def about_records(
 
 
 def _about_held(fitted: Sequence[FittedRecord]) -> list[str]:
-    return [f"Found in {quoted([record])} {held}." for record in fitted if (held := held_in_words(record.measured))]
+    return [f"Found in {quoted([record])} {held}." for record in fitted if (held := describe_hold(record.measured))]
 
 
 def _about_counts(fitted: Sequence[FittedRecord]) -> list[str]:
@@ -282,9 +282,9 @@ def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
     correlated = [r for r in fitted if neighbour_correlation(r) > CORRELATED and not leaves_unresolved(r)]
     if not correlated:
         return []
-    coloured = [record for record in correlated if is_even(record)]
+    coloured = [record for record in correlated if could_be_noise(record)]
     notes = []
-    if misfits := [record for record in correlated if not is_even(record)]:
+    if misfits := [record for record in correlated if not could_be_noise(record)]:
         notes.append(f"Neighbouring residuals are correlated, as the model's errors are, in {quoted(misfits)}.")
     if coloured:
         notes.append(

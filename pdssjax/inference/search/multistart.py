@@ -1,15 +1,11 @@
-"""Multistart: fits from several starts found from the data; and the estimate of noise that is not given.
+"""Fits from several starts, and the estimate of noise that is not given.
 
-The sum of squares has many local minima.  Slips that come at the wrong moment make large
-basins; small discontinuities lie within them, where a parameter decides whether the contact just
-reverses or just does not (the law's forces jump there, and the motion after it with them).
-So several starts are raced while the fit is poor, has run into a bound or took a long way (`races.py`), and a fit
-that ends at a discontinuity is restarted from perturbed points.
-
-Fits from as many starts as a user asks for: how many optima there are, and whether the best was found.
-
-The starts are Sobol points over the ranges that a search would use, on logarithmic scales.  Two fits have ended in
-the same optimum where neither chi-square nor the linear model tells their ends apart.
+- `best_fit` races several starts (`races.py`) while a fit is poor, at a bound or slow to converge.  Chi-square has many
+  minima: slips at wrong moments make wide ones, a contact that just reverses or just does not makes small jumps.  A fit
+  that ends at such a jump is restarted from perturbed points.
+- `with_noise` estimates the noise from the residuals and fits again, in turn.
+- `best_of_starts` fits from as many Sobol points of the search ranges, on logarithmic scales, as a user asks for, and
+  counts optima: two ends are one optimum where neither chi-square nor the linear model tells them apart.
 """
 
 import functools
@@ -109,7 +105,7 @@ _A_STEP = 200.0
 """Bytes by step, component and direction: 2.6 GB of 240 000 steps of 6 components in 9 directions were seen."""
 
 
-def question_lengths(problem: Problem, starts: Values) -> None:
+def warn_of_memory_use(problem: Problem, starts: Values) -> None:
     """Warn with `InputWarning` of records whose derivatives take more than 2 GB.
 
     What is known in closed form is not stepped.
@@ -128,10 +124,10 @@ def question_lengths(problem: Problem, starts: Values) -> None:
         size = _A_STEP * steps * len(jax.tree.leaves(system.initial())) * directions
         if size > _MUCH:
             warnings.warn(
-                f'record "{record.name}": {last:.3g} s of it are stepped, with room for {steps} steps: their '
-                f"derivatives take about {1e-9 * size:.1f} GB, where 2 GB are usual. A window shortens a record "
-                '(window = ["0 s", "1 s"]); stacks of play or maxwell-slip whose platform is seen alone, by a sensor '
-                "without a bandwidth and without an amplifier, need no steps.",
+                f'record "{record.name}": integrating its {last:.3g} s (up to {steps} steps) with derivatives takes '
+                f"about {1e-9 * size:.1f} GB of memory, more than the 2 GB from which this warns. Shorten the record "
+                '(window = ["0 s", "1 s"]) or fix parameters. A play or maxwell-slip stack needs no integration where '
+                "only the platform is measured, without an amplifier and by a sensor without a bandwidth.",
                 InputWarning,
                 stacklevel=2,
             )
@@ -220,7 +216,7 @@ def best_fit(
     """
     starts, missing = guess_starts(study.models, study.parameters, study.records)
     problem = pose(study, starts, accuracy, loss, effort)
-    question_lengths(problem, starts)
+    warn_of_memory_use(problem, starts)
     problem.lowered(problem.encode(starts)).compile()
     if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
         fit, problem = with_noise(run(problem, starts, report), problem, run, report)

@@ -1,11 +1,9 @@
-"""The errors of every parameter by all methods, losses and error models, and which of them to believe.
+"""Standard errors by every method, loss and error model, and the advice which error model to believe.
 
-That is the last whose assumption the residuals bear out, where it matters.
-
-Standard errors of a fit, by every method and loss: of white noise, enlarged where residuals exceed the noise given.
-
-A fit in two steps has the first step's errors carried on (`two_steps`), and beside them the naive ones, which take the
-first step for exact.  What peaks tell of a stack is a first step whose samples are their readings.
+`standard_errors_of` takes the noise as white and enlarges errors where residuals exceed the noise given.  A fit in two
+steps propagates the first step's errors (`two_steps`) and also has naive errors, which take that step as exact; picked
+peaks are a first step whose samples are their readings.  `with_error_models` adds the errors by every error model, and
+`advise` names the last model whose assumption the residuals support, where that changes an error by more than 15 %.
 """
 
 import dataclasses
@@ -359,7 +357,7 @@ class StandardErrors(NamedTuple):
     """Enlarged by the `factor`."""
     naive: Float[np.ndarray, "p p"] | None
     """The covariance that takes the first of two steps for exact, enlarged as well; None of a joint fit."""
-    with_told: Float[np.ndarray, " p"]
+    cov_with_prior: Float[np.ndarray, " p"]
     """Covariance of each estimate with what was measured apart of it, which the estimate follows; no other counts."""
     factor: float
     """Ratio of variances to those of the noise given; 1 under a robust loss, which takes the scatter from the

@@ -9,7 +9,7 @@ from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 
 from ...inference import half_width_95
-from ...study import UNSEEN, Amplification, Estimate, FittedParameter
+from ...study import NEGLIGIBLE_AMPLIFICATION, Amplification, Estimate, FittedParameter
 from ._style import BLUE, GREEN, GREY, STYLE, VERMILION
 
 
@@ -88,7 +88,7 @@ def amplification_figure(amplification: Amplification) -> Figure:
             for j in range(columns):
                 dark = abs(float(scale(matrix[i, j])) - 0.5) > 0.3
                 # 110, not 1.1e+02; 0, not -0.
-                label = f"{float(f'{matrix[i, j]:.2g}') if abs(matrix[i, j]) >= UNSEEN else 0.0:g}"
+                label = f"{float(f'{matrix[i, j]:.2g}') if abs(matrix[i, j]) >= NEGLIGIBLE_AMPLIFICATION else 0.0:g}"
                 axes.text(j, i, label, ha="center", va="center", fontsize=7.5, color="white" if dark else "black")
         axes.set_title("Per cent in the row for 1 % in the column", loc="left")
         figure.colorbar(image, ax=axes, label="% for 1 %", shrink=0.9)

@@ -57,14 +57,14 @@ def selection_sentences(found: Comparison) -> SelectionSentences:
 def _answer(found: Comparison) -> list[str]:
     """The answer in a few sentences: the model that is enough, and those that the records cannot tell from it."""
     if not found.chosen:
-        return ["No model has a fit that could be compared; below is why."]
+        return ["No model gave a fit that can be compared; the reasons are below."]
     chosen, best = found[found.chosen], found[found.best]
     held = f"{_count(found.blocks, 'block')} of time"
     if found.whole_records:
         held += f" and {_count(found.whole_records, 'whole record')}"
     if not (found.blocks or found.whole_records):
         return [
-            f"Nothing could be held out of these records, so they do not tell; {found.chosen} is the simplest model."
+            f"No samples could be held out, so the models cannot be compared; {found.chosen} is the simplest of them."
         ]
     lines = [f"{found.chosen} is the simplest model that predicts held-out samples ({held}) no worse than any."]
     if found.chosen != found.best:
@@ -102,9 +102,10 @@ def _caption(found: Comparison) -> str:
     """The caption of the table: the meaning of its columns."""
     return (
         "held out, records: by how much the log score on held-out blocks of time, and on whole records, lies below "
-        f"that of the best model, {found.best or 'none'}, and its standard error. A model is worse from two standard "
-        "errors on, where the difference also exceeds half of what the best model leaves beyond noise. criterion: "
-        "Schwarz's with the number of independent samples, above the lowest."
+        f"that of the best model, {found.best or 'none'}, and its standard error. A model is worse where the "
+        "difference is at least two standard errors, at least 3, and at least half of the chi-square that the best "
+        "model leaves beyond noise; on blocks of time not where it has fewer parameters and no higher criterion. "
+        "criterion: Schwarz's (BIC) with the number of independent samples, above the lowest."
     )
 
 

@@ -37,7 +37,7 @@ class Rig:
         starts = at(0.0, 0.0) | given
         monkeypatch.setattr(multistart, "guess_starts", lambda *_: (starts, len(given) < 2))
         monkeypatch.setattr(multistart, "pose", lambda *_: problem)
-        monkeypatch.setattr(multistart, "question_lengths", lambda *_: None)
+        monkeypatch.setattr(multistart, "warn_of_memory_use", lambda *_: None)
         monkeypatch.setattr(multistart, "is_separable", lambda *_: False)
         monkeypatch.setattr(races, "piezo_alone", lambda *_: {})
         monkeypatch.setattr(races, "rank_starts", self.noted("ranked", ranked))

@@ -89,7 +89,7 @@ def test_errors_are_enlarged_by_records_whose_noise_is_given_and_for_these(metho
     if apart:
         error = apart["friction.sigma0"][1]
         # The row of what was told is that divided by its error.
-        assert found.with_told[1] == pytest.approx(whole[1, 400] / error * error**2, rel=1e-8)
+        assert found.cov_with_prior[1] == pytest.approx(whole[1, 400] / error * error**2, rel=1e-8)
 
 
 @pytest.mark.parametrize("method", ["sequential", "peaks"])
@@ -105,7 +105,7 @@ def test_the_pull_after_a_step_taken_before_is_in_standard_deviations_of_chance(
     noise[:, :300] *= np.sqrt(found.factor)
     values, numbers = noise @ whole[1], 0.06 * noise[:, 400]
     pulls = [
-        measured_apart((number, 0.06), value, found.known.matrix[1, 1], found.with_told[1]).pull
+        measured_apart((number, 0.06), value, found.known.matrix[1, 1], found.cov_with_prior[1]).pull
         for number, value in zip(numbers, values, strict=True)
     ]
     assert np.std(pulls) == pytest.approx(1.0, abs=0.04)

@@ -2,9 +2,9 @@
 
     cov = sum over records of  G' C G + the sum over glitches of  g g'
 
-C is the autocovariance of the record's noise (`metrics/coloured_noise.py`, at uneven times
-`metrics/coloured_noise.py`): of its residuals less their mean over the cycles at each phase, where the record repeats,
-else of all its residuals.  Samples that stand out are no part of it, since ten among 3000 would colour all others:
+C is the autocovariance of the record's noise (`metrics/coloured_noise.py`: `StationaryNoise` on an even time grid, else
+`NoiseInTime`).  It is estimated from the residuals, less their mean over the cycles at each phase where the record
+repeats.  Samples that stand out are no part of it, since ten among 3000 would colour all others:
 those in a row are one glitch, independent of all else, which moves the parameters by g.  With the influence G of a
 misspecified model
 (H^-1 J', H with the residuals' curvature) this is the sandwich of H. White, Econometrica 50(1), 1982, with the
@@ -36,7 +36,7 @@ class Coloured(AbstractErrorModel):
         if record.residual.size < 2:
             return RecordShare(record.influence.T @ record.influence + by_size, 0.0, 1.0)
         found = split_residuals(record.residual, record.time, record.frequency, record.freedom)
-        covariance = record.influence.T @ found.noise.times(record.influence, record.time)
+        covariance = record.influence.T @ found.noise.covariance_product(record.influence, record.time)
         freedom = max(found.freedom * found.noise.independent(record.time), 1.0)
         return RecordShare(covariance + by_size, found.noise.evidence(found.freedom, record.time), freedom)
 

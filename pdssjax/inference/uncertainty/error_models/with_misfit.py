@@ -181,8 +181,8 @@ class WithMisfit(AbstractErrorModel):
 
     rank = 2
     covers = (
-        "the physical parameters, if the model's misfit is as likely to go their way as any other of its size and "
-        "smoothness, and the pseudo-true ones more often than 95 %"
+        "the physical parameters, provided that the model's misfit biases them no more than a random misfit of the "
+        "same size and smoothness would; they cover the pseudo-true parameters more often than 95 %"
     )
 
     def share(self, record: RecordErrors) -> RecordShare:
@@ -236,7 +236,7 @@ def noise_of_means(
     # A few phases at a time: all of them would be an n x phases matrix.
     for some in np.array_split(np.arange(count), -(-count // _AT_ONCE)):
         member = (phase[:, None] == some) / sizes[some]
-        out[:, some] = sums_at(phase, split.noise.times(member, record.time), count) / sizes[:, None]
+        out[:, some] = sums_at(phase, split.noise.covariance_product(member, record.time), count) / sizes[:, None]
     return 0.5 * (out + out.T)
 
 
