@@ -9,12 +9,14 @@ leaves of their residuals r where it is least, over steps d of the parameters wi
 what chance makes of errors mends nothing.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..core import on_device
 from ..metrics import scatter_floor
 from ..study import FittedRecord, Record, Study, compare, paths_in
 from .beyond_noise import exceeds_noise, highest_by_chance
@@ -91,9 +93,10 @@ def _at_best(
     """The `records` beside what they are predicted as where parameters move within their errors to explain them all."""
     residual, noise = problem.residual, np.array([_noise(record) for record in records])
     fixed = {path: float(number) for path, number in residual.fixed.items()}
-    places = tuple(study.records.index(record) for record in records)
-    seen = Residual.of(study.models, records, residual.transform, fixed, residual.accuracy)
-    whole = Problem(seen, records, noise, predictor=study.predictor, places=places)
+    # As if they were fitted: those are the records that have derivatives to their end.
+    fitted = tuple(dataclasses.replace(record, role="fit") for record in records)
+    seen = Residual.of(study.models, fitted, residual.transform, fixed, residual.accuracy)
+    whole = Problem(seen, fitted, noise, predictor=on_device(seen.predictor), places=tuple(range(len(fitted))))
     root, whitened = _root(covariance, residual.transform.at_bound(free)), np.asarray(whole.whitened(free))
     motions, errors = [record.predicted - record.offset for record in found], np.zeros(root.shape[1])
     for _ in range(_ROUNDS if errors.size else 0):

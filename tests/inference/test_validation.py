@@ -27,15 +27,16 @@ friction = "coulomb"
 DRIVE = 'drive = { waveform = "sine", voltage = "40 V", frequency = "20 Hz" }'
 
 
-def study(folder, gain, draw=1, told=True, glitches=0):
-    """A rough record that is fitted, and a fine one of another `gain` that is not; the study's path."""
+def study(folder, gain, draw=1, told=True, glitches=0, longer=1):
+    """A rough record that is fitted, and a fine one of another `gain` that is not, `longer` times as long; its path."""
     random = np.random.default_rng(draw)
     text = HEAD
     for name, number, noise, line in (("rough", GAIN, ROUGH, ""), ("fine", gain, FINE, 'role = "validate"')):
-        motion = number * VOLTS + random.normal(0.0, noise, TIME.size)
+        times = longer if name == "fine" else 1
+        motion = number * np.tile(VOLTS, times) + random.normal(0.0, noise, TIME.size * times)
         if name == "fine":
             motion[10 : 10 + glitches] += 100.0 * noise
-        rows = np.stack([TIME, 1e6 * motion], axis=1)
+        rows = np.stack([5e-4 * np.arange(motion.size), 1e6 * motion], axis=1)
         np.savetxt(folder / f"{name}.csv", rows, "%.9f", ",", header="time_s,y_um", comments="")
         lines = [line, DRIVE, *([f'noise = "{1e6 * noise} um"'] if told else [])]
         text += "\n" + record_table(name, "platform", *filter(None, lines), columns=SHORT)
@@ -71,6 +72,13 @@ def test_a_fit_that_misses_a_record_by_more_is_no_success(tmp_path, told, capsys
     assert ("the noise given" in note) == told
     # The record that was fitted is explained.
     assert estimate.records[0].rmse == pytest.approx(ROUGH, rel=0.15)
+
+
+@pytest.mark.parametrize(("off", "explained"), [(1.0, True), (9.0, False)])
+def test_a_record_that_was_not_fitted_may_be_longer_than_those_that_were(tmp_path, off, explained):
+    """Its derivatives are wanted to its end, where it is not predicted at first."""
+    estimate = identified(tmp_path, GAIN + off * ERROR, longer=2)
+    assert estimate.explained == explained
 
 
 def test_a_fit_whose_parameters_are_all_at_bounds_is_judged_as_it_is(tmp_path):
