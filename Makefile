@@ -3,6 +3,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
+# XLA logs 2 kB of errors that are none for every function it reads from its cache (jax issue 38445).
+export TF_CPP_MIN_LOG_LEVEL ?= 3
+
 .PHONY: demo test docs experiments bench lint wheel-check clean
 
 # The demo owns out/demo, so a second run may replace what the first one left there.

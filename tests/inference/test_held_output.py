@@ -18,14 +18,14 @@ def test_held_samples_are_named_and_the_key_that_thins_them_mends_the_fit(tmp_pa
     np.savetxt(tmp_path / "step.csv", rows, "%.7f", ",", header="time_s,displacement_um", comments="")
     held = pdssjax.identify(pdssjax.load_study(place))
     assert any(
-        'in "step" a new value at every 2 samples only' in n and "write held = 2 in its" in n for n in held.notes
+        'in "step" a new sensor value only every 2 samples' in n and "write held = 2 in its" in n for n in held.notes
     )
     assert held.parameters["piezo.natural_frequency"].value < 0.98 * platform_study.RATE and not held.success
     place.write_text(text.replace('file = "step.csv"', 'file = "step.csv"\nheld = 2'))
     study = pdssjax.load_study(place)
     found = pdssjax.identify(study)
     assert study.records[0].time.size == time.size // 2 and found.success
-    assert not any("a new value at every" in note for note in found.notes)
+    assert not any("a new sensor value only every" in note for note in found.notes)
     truths = platform_study.GAIN, platform_study.RATE, platform_study.DAMPING
     for path, truth in zip(PARAMETERS, truths, strict=True):
         told = found.parameters[path]

@@ -44,7 +44,7 @@ def questioned(folder, law, seconds):
 
 
 def test_a_long_record_that_is_stepped_is_questioned(tmp_path):
-    told = r'record "sine": 99.9 s of it are stepped, with room for 6\d{5} steps: .* take about 7\.\d GB'
+    told = r'record "sine": integrating its 99.9 s \(up to 6\d{5} steps\) with derivatives takes about 7\.\d GB'
     with pytest.warns(InputWarning, match=told):
         questioned(tmp_path, "bouc-wen", 100.0)
 
