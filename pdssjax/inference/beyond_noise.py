@@ -77,7 +77,7 @@ def above_floor(record: FittedRecord) -> float:
 
 
 def exceeds_floor(record: FittedRecord) -> bool:
-    """`above_floor` is beyond both chance and `ABOVE_FLOOR`, and not as coloured noise is.
+    """Residuals exceed the noise floor beyond chance and `ABOVE_FLOOR`, and cannot be coloured noise.
 
     Never said of fewer than `FEWEST_SAMPLES` samples.
 

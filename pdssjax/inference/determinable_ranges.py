@@ -13,7 +13,7 @@ from .initial_values.record_features import interval_of
 
 
 def determinable_ranges(study: Study) -> dict[str, DeterminableRange]:
-    """By path, between which numbers the fitted records tell free parameters, where that is narrower than their bounds.
+    """Find the range in which the fitted records can determine each free parameter, by path; of some there is none.
 
     A bound that the study gives stands, and a start that it gives lies within.
     """

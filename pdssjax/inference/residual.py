@@ -230,7 +230,7 @@ class Residual:
         loss: AbstractLoss | None = None,
         apart: Mapping[str, tuple[float, float]] | None = None,
     ) -> "Residual":
-        """That of these `records`."""
+        """Make the residual of these `records`; the parameters `fixed` are numbers [SI] by path."""
         numbers = {path: np.asarray(value, float) for path, value in fixed.items()}
         return Residual(Predictor(models, records), Comparison(records, loss, apart), transform, numbers, accuracy)
 

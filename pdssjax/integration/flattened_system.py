@@ -149,7 +149,7 @@ class FlattenedSystem(AbstractHybridSystem):
     ) -> tuple[State, Scalar]:
         time, whole = self._time(segment, t_local), jnp.asarray(which).astype(int)
         found = self.system.after_event(time, self._state(x), self.args, self._mode(mode), whole)
-        return self._back(found, "after_event")
+        return self._following(found, "after_event")
 
     @property
     def resets_at_corners(self) -> bool:
@@ -163,7 +163,7 @@ class FlattenedSystem(AbstractHybridSystem):
         time, place = self._time(segment, 0.0), jnp.asarray(segment.number).astype(int) - 1
         which = jnp.argsort(self._corners())[place]
         found = self.system.after_corner(time, self._state(x), self.args, self._mode(mode), which)
-        turned, following = self._back(found, "after_corner")
+        turned, following = self._following(found, "after_corner")
         x = tuple(jnp.where(starts, a, b) for a, b in zip(x, turned, strict=True))
         return x, jnp.where(starts, first, following)
 
@@ -194,7 +194,7 @@ class FlattenedSystem(AbstractHybridSystem):
     def _mode(self, mode: Scalar) -> Count:
         return jnp.asarray(mode).astype(int) - _FIRST_MODE
 
-    def _back(self, found: Any, what: str) -> tuple[State, Scalar]:
+    def _following(self, found: Any, what: str) -> tuple[State, Scalar]:
         where = f"{type(self.system).__name__}.{what}"
         if not (isinstance(found, tuple) and len(found) == 2):
             raise InputError(f"{where}: found {found!r:.80}, expected the pair (state, mode) that follows.")
@@ -206,7 +206,7 @@ class FlattenedSystem(AbstractHybridSystem):
 
 
 def _real(guard: Any) -> Float[Array, "..."] | None:
-    """What was given for a guard as floating point; None where it is no real number: a truth falls through nothing."""
+    """The value of a guard as floating point; None where it is no real number (a truth value crosses no zero)."""
     try:
         array = jnp.asarray(guard)
     except (TypeError, ValueError):

@@ -238,11 +238,8 @@ class NoiseInTime(NamedTuple):
         """Independent samples per sample, by the variance of their mean square (M. S. Bartlett, 1946)."""
         # exp(-2 t / tau) cos(w t)^2 in two parts.
         parts = (NoiseInTime(1.0, self.share**2, 0.5 * self.duration, turn) for turn in (0.0, 2.0 * self.pulsation))
-        return (
-            2.0
-            * time.size
-            / float(sum(np.sum(part.covariance_product(np.ones((time.size, 1)), time)) for part in parts))
-        )
+        ones = np.ones((time.size, 1))
+        return 2.0 * time.size / float(sum(np.sum(part.covariance_product(ones, time)) for part in parts))
 
     def covariance_product(
         self, columns: Float[np.ndarray, "n p"], time: Float[np.ndarray, " n"]

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from bouncing_ball import BouncingBall
 
 from pdssjax import InputError, Taylor
 from pdssjax.integration import HybridSystem, integrate
@@ -12,20 +13,7 @@ from pdssjax.integration import HybridSystem, integrate
 ARGS = {"gravity": 9.81, "restitution": 0.5}
 
 
-class Ball(HybridSystem):
-    """Falls, and bounces off the floor."""
-
-    def vector_field(self, t, y, args, mode):
-        return y[1], -args["gravity"]
-
-    def guards(self, t, y, args, mode):
-        return y[0]
-
-    def after_event(self, t, y, args, mode, which):
-        return (jnp.zeros(()), -args["restitution"] * y[1]), mode
-
-
-class Stays(Ball):
+class Stays(BouncingBall):
     """Does not say what follows."""
 
     def after_event(self, t, y, args, mode, which):
@@ -42,7 +30,7 @@ class Bent(HybridSystem):
 @pytest.mark.parametrize("mode", [-1, 1.0, True])
 def test_a_mode_is_a_whole_number_from_0_on(mode):
     with pytest.raises(InputError, match=r"found `mode` = .*, expected a whole number from 0 on"):
-        integrate(Ball(), 0.0, 1.0, (0.8, 0.0), ARGS, mode=mode)
+        integrate(BouncingBall(), 0.0, 1.0, (0.8, 0.0), ARGS, mode=mode)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +57,7 @@ def test_guards_that_are_no_real_numbers_are_refused(given, told):
 def test_a_run_that_ends_early_says_why_and_raises_where_it_is_asked_to():
     """A ball whose bounces accumulate runs out of steps; what it did not reach is not a number."""
     run = lambda throw, height: integrate(
-        Ball(), 0.0, 3.0, (height, 0.0), ARGS, saveat=[0.2, 2.9], max_steps=32, throw=throw
+        BouncingBall(), 0.0, 3.0, (height, 0.0), ARGS, saveat=[0.2, 2.9], max_steps=32, throw=throw
     )
     early = run(False, 0.8)
     assert int(early.result) == 1
@@ -89,7 +77,7 @@ def test_a_run_that_ends_early_says_why_and_raises_where_it_is_asked_to():
 def test_what_follows_on_a_negative_guard_is_not_told(height, until):
     """A ball that begins below the floor, or that its bounce leaves there."""
 
-    class Falling(Ball):
+    class Falling(BouncingBall):
         def after_event(self, t, y, args, mode, which):
             return (y[0] - 0.1, y[1]), mode
 
@@ -126,6 +114,6 @@ def test_what_follows_on_a_negative_guard_is_not_told(height, until):
     ],
 )
 def test_what_cannot_be_integrated_is_refused(change, message):
-    given = {"system": Ball(), "t0": 0.0, "t1": 1.0, "y0": (0.8, 0.0), "args": ARGS}
+    given = {"system": BouncingBall(), "t0": 0.0, "t1": 1.0, "y0": (0.8, 0.0), "args": ARGS}
     with pytest.raises(InputError, match=message):
         integrate(**(given | change))

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from bouncing_ball import BouncingBall
 from marks import slow
 from scipy.integrate import solve_ivp
 
@@ -13,19 +14,6 @@ from pdssjax.integration.polynomials import basis
 
 FEW = 128
 """Steps for which there is room: less to compile for and to expand."""
-
-
-class BouncingBall(HybridSystem):
-    """Falls, and bounces off the floor."""
-
-    def vector_field(self, t, y, args, mode):
-        return y[1], -args["gravity"]
-
-    def guards(self, t, y, args, mode):
-        return y[0]
-
-    def after_event(self, t, y, args, mode, which):
-        return (jnp.zeros(()), -args["restitution"] * y[1]), mode
 
 
 class Room(HybridSystem):

@@ -282,9 +282,10 @@ def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
     correlated = [r for r in fitted if neighbour_correlation(r) > CORRELATED and not leaves_unresolved(r)]
     if not correlated:
         return []
-    coloured = [record for record in correlated if could_be_noise(record)]
+    noisy = [could_be_noise(record) for record in correlated]
+    coloured = [record for record, is_noise in zip(correlated, noisy, strict=True) if is_noise]
     notes = []
-    if misfits := [record for record in correlated if not could_be_noise(record)]:
+    if misfits := [record for record, is_noise in zip(correlated, noisy, strict=True) if not is_noise]:
         notes.append(f"Neighbouring residuals are correlated, as the model's errors are, in {quoted(misfits)}.")
     if coloured:
         notes.append(
