@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 import equinox as eqx
 import numpy as np
 from jax.core import Tracer
+from jax.tree_util import register_dataclass
 from jaxtyping import Array, Bool, Float
 
 from ..core import Lowered, ScalarLike, on_device, require_float64
@@ -40,7 +41,9 @@ def unwatched(problem: "Problem", used: Bool[np.ndarray, " records"], fit: objec
     """Ignore the iteration."""
 
 
-class Problem(eqx.Module):
+@register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Problem:
     """What a fit needs, made once for all its steps; a pytree, which passes through `jit` and as `args` of a solver.
 
     Parameters are p numbers on the scale of the fit (`parameter_transform`), and there are n residuals: of all samples
@@ -48,18 +51,18 @@ class Problem(eqx.Module):
     """
 
     residual: Residual
-    records: tuple[Record, ...] = eqx.field(static=True)
+    records: tuple[Record, ...] = dataclasses.field(metadata={"static": True})
     """The records fitted."""
     noise: Float[Array | np.ndarray, " records"]
     """Standard deviation of each, in its unit."""
-    watch: Watch = eqx.field(static=True, default=unwatched)
-    minimiser: Minimiser | None = eqx.field(static=True, default=None)
+    watch: Watch = dataclasses.field(default=unwatched, metadata={"static": True})
+    minimiser: Minimiser | None = dataclasses.field(default=None, metadata={"static": True})
     """Another solver of optimistix that looks for the minimum in place of the package's own."""
     predictor: Predictor | None = None
     """The prediction of all records of the study, fitted or not; None for a problem of your own."""
-    places: tuple[int, ...] = eqx.field(static=True, default=())
+    places: tuple[int, ...] = dataclasses.field(default=(), metadata={"static": True})
     """Where the records fitted stand among those."""
-    effort: Effort = eqx.field(static=True, default=USUAL)
+    effort: Effort = dataclasses.field(default=USUAL, metadata={"static": True})
     """After how many iterations and slow steps a run ends."""
 
     def _replace(self, **changes: Any) -> "Problem":

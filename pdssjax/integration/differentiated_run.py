@@ -113,6 +113,9 @@ batching.primitive_batchers[_CALL] = _lane_by_lane
 mlir.register_lowering(_CALL, mlir.lower_fun(_computed, multiple_results=True))
 
 
+Begins: TypeAlias = Sequence[Float[Array, " rows"]]
+"""Origin, local time and each component of the state where steps begin."""
+
 _HIGHEST = 2
 """Order of the highest derivatives there are."""
 
@@ -120,9 +123,10 @@ _HIGHEST = 2
 class RunDerivatives(NamedTuple):
     """Results of a run with their derivatives up to some order; the axes of the parameters come last."""
 
-    begins: tuple[Float[Array, "rows begin *parameters"], ...]
-    """Origin, local time and state where steps begin: of every step, or where the repeated period opened and then where
-    the steps of the times begin, zeros for those that are not read."""
+    begins: tuple[tuple[Float[Array, "rows *parameters"], ...], ...]
+    """Origin, local time and each component of the state where steps begin: of every step, or where the repeated period
+    opened and then where the steps of the times begin, zeros for those that are not read.  Apart, since who reads them
+    seldom needs all."""
     end: tuple[Float[Array, "begin *parameters"], ...]
     """Origin, local time and state where the run stopped."""
     shown: tuple[tuple[Float[Array, "rows kept *shape"], ...], ...]
@@ -153,7 +157,7 @@ class Reach(NamedTuple):
 
 def steps_of(
     system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy, keep: Keep
-) -> tuple[Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], RunFacts]:
+) -> tuple[Begins, Float[Array, " begin"], Float[Array, "room kept coefficients"], RunFacts]:
     """The begin and the polynomials of every step to the `horizon` [s], the end of the run, and what else is known."""
     reach = Reach(horizon, jnp.zeros((), int))
     derivatives, facts = _results_of_run((*_all_fixed(system), None), 0, reach, accuracy, keep)
@@ -162,7 +166,7 @@ def steps_of(
 
 def components_at(
     system: AbstractHybridSystem, times: Float[Array, " m"], reach: Reach, accuracy: Accuracy, keep: Keep
-) -> tuple[Float[Array, "m+1 begin"], Float[Array, " begin"], Float[Array, "m kept"], RunFacts]:
+) -> tuple[Begins, Float[Array, " begin"], Float[Array, "m kept"], RunFacts]:
     """The begins of the repeated period and of the steps of `times` [s]; the end; the components kept at the times.
 
     What belongs to times beyond those of the `reach` is unknown.
@@ -199,14 +203,14 @@ def _run_derivatives(
     if times is None:
         ends, steps = tiled(tile, carry, table, loop.count)
         shown = tuple((polynomials,) for polynomials in steps.polynomials)
-        begins = (table[:, :size], *steps.begins)
+        begins = tuple(tuple(of_order[:, i] for i in range(size)) for of_order in (table, *steps.begins))
         return RunDerivatives(begins, (end, *ends), shown), RunFacts(read(table.T), jnp.zeros(0), loop)
     rows, laps = _located(table, loop, times)
-    begun = table[rows, :size]
+    begun = tuple(table[rows, i] for i in range(size))
     elapsed = since_begins(begun, end, laps, times)
 
     def seen(found: StepDerivatives, rows: Int[Array, " part"], elapsed: Float[Array, " part"]) -> Any:
-        begins = [_rows_of(rows, derivative) for derivative in found.begins]
+        begins = [tuple(_rows_of(rows, derivative[:, i]) for i in range(size)) for derivative in found.begins]
         here = [_rows_of(rows, polynomials) for polynomials in found.polynomials]
         return begins, [[_at(here[i], elapsed, j) for j in range(order - i + 1)] for i in range(order + 1)]
 
@@ -233,9 +237,11 @@ def _run_derivatives_jvp(
     more, facts = _results_of_run((moving, fixed, times), order + 1, reach, accuracy, keep)
     # Derivatives by what moved before, and their tangents along the direction.
     of = lambda derivative, i: _taken(derivative, before, i)
-    along = lambda derivative, i: of(jnp.tensordot(derivative, direction, axes=1), i)
+    # The direction comes first: of many that are mapped over, the results lie in order.
+    along = lambda derivative, i: of(jnp.tensordot(direction, derivative, axes=(0, -1)), i)
     orders = range(order + 1)
-    begins_dot = tuple(along(more.begins[i + 1], i) for i in orders)
+    each = lambda change, begins, i: tuple(change(component, i) for component in begins)
+    begins_dot = tuple(each(along, more.begins[i + 1], i) for i in orders)
     end_dot = tuple(along(more.end[i + 1], i) for i in orders)
     if times is None:
         shown = tuple((of(more.shown[i][0], i),) for i in orders)
@@ -250,7 +256,7 @@ def _run_derivatives_jvp(
             tuple(along(more.shown[i + 1][j], i) + later(i, j) for j in range(order - i + 1)) for i in orders
         )
     derivatives = RunDerivatives(
-        tuple(of(more.begins[i], i) for i in orders), tuple(of(more.end[i], i) for i in orders), shown
+        tuple(each(of, more.begins[i], i) for i in orders), tuple(of(more.end[i], i) for i in orders), shown
     )
     return (derivatives, facts), (RunDerivatives(begins_dot, end_dot, shown_dot), jax.tree.map(lambda _: None, facts))
 
@@ -339,15 +345,16 @@ def places(
 
 
 def since_begins(
-    begins: Float[Array, "m+1 begin"], end: Float[Array, " begin"], laps: Float[Array, " m"], times: Float[Array, " m"]
+    begins: Begins, end: Float[Array, " begin"], laps: Float[Array, " m"], times: Float[Array, " m"]
 ) -> Float[Array, " m"]:
     """Time [s] from the begin of the step of each of the `times` [s], after so many repetitions of the period.
 
     **Arguments:** the first of the begins opens the period that is repeated, and the `end` ends it.
     """
-    period = end[0] + end[1] - begins[0, 0]
+    origin, t_local, *_ = begins
+    period = end[0] + end[1] - origin[0]
     within = times - laps * jnp.where(laps > 0, period, 1.0)
-    return jnp.maximum(within - (begins[1:, 0] + begins[1:, 1]), 0.0)
+    return jnp.maximum(within - (origin[1:] + t_local[1:]), 0.0)
 
 
 def _rows_of(rows: Int[Array, " m"], block: Float[Array, "rows *shape"]) -> Float[Array, "m *shape"]:

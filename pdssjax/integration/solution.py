@@ -14,6 +14,7 @@ writing it down (P. C. Müller, Chaos, Solitons & Fractals 5(9), 1995).  The rec
 an ordinary linear scan, so forward and reverse mode both work.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -108,9 +109,9 @@ def integrate_steps(
         known.mode,
         known.step_radius,
         known.duration,
-        begins[:, 0],
-        begins[:, 1],
-        begins[:, 2:],
+        begins[0],
+        begins[1],
+        jnp.stack(begins[2:], axis=1),
         polynomials,
         known.event,
         known.which,
@@ -139,13 +140,14 @@ def states_at(
     begins, opening = steps.origin + steps.t_local, steps.origin[run.period]
     row, laps = places(lambda rows: begins[rows], run.count, len(begins), opening, end.time, run.repeats, times)
     rows = jnp.concatenate([jnp.asarray(run.period)[None], row])
-    begun = jnp.concatenate([jnp.stack([steps.origin, steps.t_local], axis=1), steps.x], axis=1)[rows]
+    begun = steps.origin[rows], steps.t_local[rows]
     stop = jnp.concatenate([jnp.stack([end.time - end.t_local, end.t_local]), end.x])
     elapsed = since_begins(begun, stop, laps, times)
     polynomials = steps.polynomials[row]
     shown = horner([polynomials[:, :, k] for k in range(polynomials.shape[-1])], elapsed[:, None])
-    at_begin = Begun(steps.index[row], steps.mode[row], steps.t_local[row], steps.x[row])
-    return visited(system, at_begin, elapsed, shown, (end.x - steps.x[run.period]) * laps[:, None], keep)
+    at_begin = Begun(steps.index[row], steps.mode[row], steps.t_local[row], list(steps.x[row].T))
+    gained = [rise * laps for rise in end.x - steps.x[run.period]]
+    return visited(system, at_begin, elapsed, shown, gained, keep)
 
 
 class Begun(NamedTuple):
@@ -156,7 +158,8 @@ class Begun(NamedTuple):
     mode: Float[Array, " m"]
     t_local: Float[Array, " m"]
     """[s]"""
-    x: Float[Array, "m components"]
+    x: Sequence[Float[Array, " m"]]
+    """Each component of the state."""
 
 
 def visited(
@@ -164,17 +167,19 @@ def visited(
     at_begin: Begun,
     elapsed: Float[Array, " m"],
     shown: Float[Array, "m kept"],
-    gained: Float[Array, "m components"],
+    gained: Sequence[Float[Array, " m"]],
     keep: tuple[int, ...] | None,
 ) -> Visited:
     """The states `elapsed` [s] after their steps began, by what polynomials have `shown` of the components `keep`.
 
-    **Arguments:** repeated periods have `gained` so much.
+    **Arguments:** of each component, repeated periods have `gained` so much.
     """
-    values = shown if keep is None else at_begin.x.at[:, jnp.array(keep, int)].set(shown)
+    values = list(at_begin.x)
+    for column, component in enumerate(range(len(values)) if keep is None else keep):
+        values[component] = shown[:, column]
     unflatten = unflattener(system)
 
-    def finish(begun: Begun, elapsed: Scalar, end: Float[Array, " components"]) -> State:
+    def finish(begun: Begun, elapsed: Scalar, end: list[Scalar]) -> State:
         segment = system.segment(begun.index)
         return system.exact(segment, begun.t_local, unflatten(begun.x), elapsed, unflatten(end))
 

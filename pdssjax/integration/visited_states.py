@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from ..core import Count, Scalar, ScalarLike, Tree, Truth
 from .accuracy import Accuracy
-from .differentiated_run import Reach, components_at, since_begins
+from .differentiated_run import Begins, Reach, components_at, since_begins
 from .solution import Begun, End, ended, visited
 from .step_table import Row, TakenSteps
 from .system import AbstractHybridSystem, State, Visited
@@ -122,13 +122,15 @@ def visit(
     reach = Reach(horizon, jnp.asarray(times.size if wanted is None else wanted), steps)
     begins, end, shown, found = components_at(system, times, reach, accuracy, components)
     loop, laps = found.loop, found.laps
-    opening = begins[:1]
+    opening, later = [each[:1] for each in begins], [each[1:] for each in begins]
+    rise = [stop - start[0] for stop, start in zip(end[2:], opening[2:], strict=True)]
 
-    def looked(steps: Row, begins: Array, laps: Array, times: Array, shown: Array) -> Seen:
-        elapsed = since_begins(jnp.concatenate([opening, begins]), end, laps, times)
-        at_begin = Begun(steps.index, steps.mode, begins[:, 1], begins[:, 2:])
-        return look(visited(system, at_begin, elapsed, shown, (end - opening[0])[2:] * laps[:, None], keep))
+    def looked(steps: Row, begins: Begins, laps: Array, times: Array, shown: Array) -> Seen:
+        whole = [jnp.concatenate(both) for both in zip(opening, begins, strict=True)]
+        elapsed = since_begins(whole, end, laps, times)
+        at_begin = Begun(steps.index, steps.mode, begins[1], begins[2:])
+        return look(visited(system, at_begin, elapsed, shown, [each * laps for each in rise], keep))
 
-    rows = found.steps, begins[1:], laps, times, shown
+    rows = found.steps, later, laps, times, shown
     seen = looked(*rows) if wanted is None else _in_parts(looked, wanted, *rows)
     return Visit(seen, ended(end, loop), loop.count, loop.rejected, loop.events, loop.repeats, loop.failure)

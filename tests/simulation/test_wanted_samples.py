@@ -34,4 +34,4 @@ def test_wanted_samples_are_those_without_padding():
         np.testing.assert_allclose(their_slopes[:wanted], slopes[:wanted], rtol=1e-12, atol=1e-18)
         weights = (jnp.arange(700) < wanted) * jnp.cos(jnp.arange(700.0))
         found = backwards(64.0, padded, weights, count)
-        np.testing.assert_allclose(found, weights[:wanted] @ slopes[:wanted], rtol=1e-9)
+        np.testing.assert_allclose(found, weights[:wanted] @ slopes[:wanted], rtol=1e-9, atol=1e-18)
