@@ -267,13 +267,14 @@ def creep_range(made: Composition, shown: Shown) -> dict[str, DeterminableRange]
 Samples = Float[np.ndarray, " n"]
 
 
-def loop_numbers(made: Composition) -> tuple[str, ...]:
-    """Names of the thresholds and times that the columns of `loop_columns` depend on; none of a stack that has none.
+def loop_numbers(made: Composition) -> tuple[str, ...] | None:
+    """Names of the thresholds and times that the columns of `loop_columns` depend on; None of a stack without columns.
 
     None of one that lags, either: the columns have no lag, and what it opens of a loop would pass for quick creep.
     """
-    if made.hysteresis not in ("none", "play") or made.dynamics == "first-order":
-        return ()
+    straight = made.hysteresis == "none" and made.asymmetry < 2 and not made.creep
+    if straight or made.hysteresis not in ("none", "play") or made.dynamics == "first-order":
+        return None
     return ("play_range",) * (made.hysteresis == "play") + ("creep_time",) * (made.creep > 0)
 
 

@@ -95,8 +95,8 @@ class AbstractPiezo(AbstractModel):
     hysteretic: ClassVar[tuple[str, ...]] = ()
     """Parameters of its hysteresis."""
 
-    loop_numbers: ClassVar[tuple[str, ...]] = ()
-    """Thresholds and times on which `loop_columns` depend; none where the model has no such columns."""
+    loop_numbers: ClassVar[tuple[str, ...] | None] = None
+    """Thresholds and times on which `loop_columns` depend; None where the model has no such columns."""
 
     mass: eqx.AbstractVar[Declared]
     """Moving mass that a force on the platform accelerates at first, a number [kg]; only feedback (5.25) uses it."""

@@ -15,7 +15,7 @@ from .candidate_fits import CandidateStore, InMemoryStore, fit_all
 from .candidates import Candidate, candidates_of
 from .comparison import Comparison, FittedCandidate, Misfit, RecordNoise, Result
 from .held_out import Part, parts_of
-from .scores import CommonNoise, Scores, choose, common_noise, criterion, groups_of, scores_of
+from .scores import CommonNoise, Fitness, Scores, choose, common_noise, fitness, groups_of, scores_of
 from .telling_records import most_telling_record
 
 EFFORT = "quick"
@@ -75,8 +75,8 @@ def judged(
         results = tuple(Result(fitted[name]) for name in order)
         return Comparison(study.title, results, "", "", (), {}, 0, 0, study.records)
     noises = _noises(study, [fitted[name] for name in good])
-    criteria = _criteria(study, fitted, good, noises)
-    scores = scores_of(study.records, noises, parts, {name: fitted[name].held_out for name in good}, criteria)
+    fits = _fits(study, fitted, good, noises)
+    scores = scores_of(study.records, noises, parts, {name: fitted[name].held_out for name in good}, fits)
     chosen, best = choose(good, scores)
     groups = groups_of(good, chosen, best, scores)
     results = _results(study, order, fitted, noises, scores, best, groups)
@@ -126,16 +126,16 @@ def _misfit_of(study: Study, candidate: FittedCandidate) -> float:
     return total
 
 
-def _criteria(
+def _fits(
     study: Study, fitted: Mapping[str, FittedCandidate], names: Sequence[str], noises: Sequence[CommonNoise]
-) -> dict[str, tuple[int, float]]:
-    """The number of free parameters of each model, and Schwarz's criterion of its fit."""
+) -> dict[str, Fitness]:
+    """How well each model explains the records that are fitted."""
     used = [place for place, record in enumerate(study.records) if record.role == "fit"]
     records, noise = [study.records[place] for place in used], [noises[place] for place in used]
     out = {}
     for name in names:
         free, residuals = len(fitted[name].free), [fitted[name].residuals[place] for place in used]
-        out[name] = free, criterion(records, noise, residuals, free)
+        out[name] = fitness(records, noise, residuals, free)
     return out
 
 
@@ -150,7 +150,7 @@ def _results(
 ) -> tuple[Result, ...]:
     """Every candidate beside the best one."""
     time_scores, record_scores = scores.only("time", "validation"), scores.only("record", "validation")
-    least = min(found for _, found in scores.criteria.values())
+    least = min(fit.criterion for fit in scores.fits.values())
     out = []
     for name in order:
         if fitted[name].failure:
@@ -161,7 +161,7 @@ def _results(
                 fitted[name],
                 time_scores.difference(best, name),
                 record_scores.difference(best, name) if record_scores.parts else None,
-                scores.criteria[name][1] - least,
+                scores.fits[name].criterion - least,
                 next(number for number, group in enumerate(groups) if name in group),
                 None if name == best else misfit_beside(study, fitted[name], fitted[best], noises),
             )

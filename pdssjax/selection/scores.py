@@ -14,7 +14,7 @@ With w = L^-1 e, L L' = C, two models differ by d = (|w_b|^2 - |w_a|^2) / 2 in a
 scatter counts (Q. H. Vuong, Econometrica 57(2), 1989).  A difference is significant from two standard errors on, and
 matters where it exceeds both `MIN_SCORE_DIFFERENCE` and half of what the better model itself leaves beyond noise: where
 no model is right, differences below their common error are no reason to choose.  On blocks of time it does not matter,
-either, where the model behind has fewer parameters and Schwarz's criterion of its fit is no higher.
+either, where the model behind explains what is fitted as well (`Fitness`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -129,6 +129,23 @@ def _covariance(record: Record, noise: StationaryNoise | NoiseInTime, places: np
     return out + NUGGET * out[0, 0] * np.eye(places.size)
 
 
+class Fitness(NamedTuple):
+    """How well a model explains the samples that it was fitted to."""
+
+    free: int
+    """Its free parameters."""
+    deviance: float
+    """Minus twice the logarithm of its likelihood."""
+    criterion: float
+    """Schwarz's: the deviance and, of each parameter, the logarithm of the number of independent samples."""
+
+    def is_no_worse(self, other: "Fitness") -> bool:
+        """It explains as much: with fewer parameters by the criterion, with more by the likelihood."""
+        if self.free < other.free:
+            return self.criterion <= other.criterion
+        return self.free > other.free and self.deviance <= other.deviance + 2.0 * MIN_SCORE_DIFFERENCE
+
+
 class Scores(NamedTuple):
     """What several models score on the same parts."""
 
@@ -136,16 +153,16 @@ class Scores(NamedTuple):
     whitened: Mapping[str, tuple[Float[np.ndarray, " m"], ...]]
     """By model, w of each part."""
     log_volumes: tuple[float, ...]
-    criteria: Mapping[str, tuple[int, float]] = MappingProxyType({})
-    """By model the number of its free parameters, and Schwarz's criterion of its fit."""
+    fits: Mapping[str, Fitness] = MappingProxyType({})
+    """By model."""
 
     def only(self, *kinds: str) -> "Scores":
         """Those of parts of some `kinds`."""
         kept = [k for k, part in enumerate(self.parts) if part.kind in kinds]
         take = lambda values: tuple(values[k] for k in kept)
         whitened = {name: take(w) for name, w in self.whitened.items()}
-        criteria = self.criteria if "time" in kinds else {}
-        return Scores(take(self.parts), whitened, take(self.log_volumes), criteria)
+        fits = self.fits if "time" in kinds else {}
+        return Scores(take(self.parts), whitened, take(self.log_volumes), fits)
 
     def total(self, name: str) -> float:
         """The log score of a model on all parts."""
@@ -172,11 +189,11 @@ class Scores(NamedTuple):
                 scatter = count * float(np.var(values[here], ddof=1))
             variance += max(scatter, float(np.sum(chance[here])))
         matters = abs(total) >= max(MIN_SCORE_DIFFERENCE, 0.5 * left)
-        if self.criteria:
-            ahead, behind = (self.criteria[name] for name in ((first, second) if total >= 0.0 else (second, first)))
-            # A block may hold nearly all that tells a parameter, and what is predicted of it be off for the right law.
-            # It is to show laws that follow the noise: a simpler one that explains as much of the fit is none.
-            matters = matters and not (behind[0] < ahead[0] and behind[1] <= ahead[1])
+        if self.fits:
+            ahead, behind = (self.fits[name] for name in ((first, second) if total >= 0.0 else (second, first)))
+            # A block may hold nearly all that tells a parameter, and what is predicted of it be off for the right law:
+            # of one that explains as much of the fit, blocks show how little the records tell, not that it is wrong.
+            matters = matters and not behind.is_no_worse(ahead)
         return Difference(total, float(np.sqrt(variance)), matters)
 
     def best(self, among: Sequence[str]) -> str:
@@ -189,13 +206,13 @@ def scores_of(
     noises: Sequence[CommonNoise],
     parts: Sequence[Part],
     residuals: Mapping[str, Sequence[Float[np.ndarray, " n"]]],
-    criteria: Mapping[str, tuple[int, float]] = MappingProxyType({}),
+    fits: Mapping[str, Fitness] = MappingProxyType({}),
 ) -> Scores:
     """The scores of models from their `residuals`, by model one array a part; a part that any model fails is dropped.
 
     So is one without samples that are compared.
 
-    **Arguments:** the `criteria` of `Scores`.
+    **Arguments:** the `fits` of `Scores`.
     """
     kept, whitened = [], {name: [] for name in residuals}
     volumes = []
@@ -208,7 +225,7 @@ def scores_of(
         volumes.append(white.log_volume)
         for name, w in found.items():
             whitened[name].append(w)
-    return Scores(tuple(kept), {name: tuple(w) for name, w in whitened.items()}, tuple(volumes), criteria)
+    return Scores(tuple(kept), {name: tuple(w) for name, w in whitened.items()}, tuple(volumes), fits)
 
 
 def choose(order: Sequence[str], scores: Scores) -> tuple[str, str]:
@@ -249,20 +266,20 @@ def groups_of(order: Sequence[str], chosen: str, reference: str, scores: Scores)
     return out
 
 
-def criterion(
+def fitness(
     records: Sequence[Record],
     noises: Sequence[CommonNoise],
     residuals: Sequence[Float[np.ndarray, " samples"]],
     free: int,
-) -> float:
-    """Schwarz's criterion under the common noise: - 2 log L + p log n, n the number of independent samples.
+) -> Fitness:
+    """How well a model of `free` parameters explains what it was fitted to, under the common noise.
 
-    **Arguments:** of each record that is fitted, its noise and the residuals of the fit; how many numbers are `free`.
+    **Arguments:** of each record that is fitted, its noise and the residuals of the fit.
     """
-    total, independent = 0.0, 0.0
+    deviance, independent = 0.0, 0.0
     for record, noise, residual in zip(records, noises, residuals, strict=True):
         white = whitener(record, noise, np.ones(residual.size, bool))
         w = white(residual)
-        total += float(w @ w) + white.log_volume
+        deviance += float(w @ w) + white.log_volume
         independent += noise.independent
-    return total + free * float(np.log(max(independent, 1.0)))
+    return Fitness(free, deviance, deviance + free * float(np.log(max(independent, 1.0))))

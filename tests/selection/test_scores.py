@@ -8,7 +8,7 @@ from compared_laws import TIME
 
 from pdssjax.metrics import StationaryNoise
 from pdssjax.selection.held_out import Part, parts_of
-from pdssjax.selection.scores import Scores, choose, common_noise, groups_of, scores_of, whitener
+from pdssjax.selection.scores import Fitness, Scores, choose, common_noise, groups_of, scores_of, whitener
 
 N = 240
 
@@ -92,13 +92,29 @@ def test_the_simplest_model_that_is_not_worse_is_chosen():
 def test_a_simpler_model_whose_fit_is_as_good_is_not_worse_for_a_block_that_tells_a_parameter_nearly_alone():
     scores = scored(["time"] * 4 + ["record"], {"right": (1.0, 0.0, 0.0, 0.0, 0.0), "richer": 0.0})
     assert choose(["right", "richer"], scores)[0] == "richer"
-    as_good = scores._replace(criteria={"right": (5, 0.0), "richer": (6, 8.9)})
+    as_good = scores._replace(fits={"right": Fitness(5, 100.0, 134.0), "richer": Fitness(6, 102.0, 142.9)})
     assert choose(["right", "richer"], as_good)[0] == "right"
     assert groups_of(["right", "richer"], "right", "richer", as_good) == [["right", "richer"]]
-    poorer = scores._replace(criteria={"right": (5, 30.0), "richer": (6, 8.9)})
+    poorer = scores._replace(fits={"right": Fitness(5, 130.0, 164.0), "richer": Fitness(6, 102.0, 142.9)})
     assert choose(["right", "richer"], poorer)[0] == "richer"
     whole = scored(["time"] * 4 + ["record"], {"right": (0.0, 0.0, 0.0, 0.0, 1.0), "richer": 0.0})
-    assert choose(["right", "richer"], whole._replace(criteria=as_good.criteria))[0] == "richer"
+    assert choose(["right", "richer"], whole._replace(fits=as_good.fits))[0] == "richer"
+
+
+def test_a_richer_model_that_fits_as_well_is_not_told_apart_by_blocks_that_show_its_parameters_untold():
+    """As Coulomb's and LuGre's laws on the record of Liu et al., whose likelihoods are the same."""
+    scores = scored(["time"] * 4 + ["record"], {"simple": 0.0, "richer": (1.0, 1.0, 1.0, 1.0, 0.0)})
+    assert scores.only("time").difference("simple", "richer").is_significant
+    as_good = scores._replace(fits={"simple": Fitness(5, 100.0, 134.0), "richer": Fitness(10, 99.5, 168.3)})
+    assert choose(["simple", "richer"], as_good)[0] == "simple"
+    assert groups_of(["simple", "richer"], "simple", "simple", as_good) == [["simple", "richer"]]
+    poorer = scores._replace(fits={"simple": Fitness(5, 100.0, 134.0), "richer": Fitness(10, 110.0, 178.8)})
+    assert groups_of(["simple", "richer"], "simple", "simple", poorer) == [["simple"], ["richer"]]
+    alike = scores._replace(fits={"simple": Fitness(5, 100.0, 134.0), "richer": Fitness(5, 99.5, 133.5)})
+    assert groups_of(["simple", "richer"], "simple", "simple", alike) == [["simple"], ["richer"]]
+    whole = scored(["time"] * 4 + ["record"], {"simple": 0.0, "richer": (0.0, 0.0, 0.0, 0.0, 1.0)})
+    judged = whole._replace(fits=as_good.fits)
+    assert groups_of(["simple", "richer"], "simple", "simple", judged) == [["simple"], ["richer"]]
 
 
 def test_a_model_that_predicts_whole_records_worse_is_never_chosen():

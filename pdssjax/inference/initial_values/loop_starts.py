@@ -1,4 +1,4 @@
-"""Starts for a stack with many hysteresis elements: least squares over the response of each element.
+"""Starts for a stack that is no straight line: least squares over the response of each element and power.
 
 Thresholds and times are tried on a grid and refined, all else follows by least squares that keeps weights positive.  It
 takes seconds where a search by simulations, each with a derivative an element, takes a quarter of an hour.
@@ -17,7 +17,7 @@ from ...metrics import scatter_floor
 from ...piezo.base import AbstractPiezo, DeterminableRange, Shown
 from ...study import Record
 from ..solver.box_least_squares import nonnegative_least_squares
-from .record_features import as_displacements, voltages_at
+from .record_features import as_displacements, sticking_parts, voltages_at
 
 _MOST = 3000
 """Samples of a record that are looked at."""
@@ -58,34 +58,47 @@ class _Loop(NamedTuple):
 def loop_starts(
     piezo: type[AbstractPiezo], shown: Shown, known: Mapping[str, float], records: Sequence[Record]
 ) -> dict[str, float]:
-    """Numbers of a stack by name, those that the `records` of its platform alone suggest; none where it has no loops.
+    """Numbers of a stack by name, those that the `records` suggest; none where it is a straight line.
+
+    Records of the platform alone tell them; without one, end-effectors while they are likely to stick.
 
     **Arguments:** what the records have `shown`; the numbers `known`, which are held.
     """
-    if not piezo.loop_numbers or any(known.get(name) for name in _HISTORY):
+    names = piezo.loop_numbers
+    if names is None or any(known.get(name) for name in _HISTORY):
         return {}
-    alone = [r for r in as_displacements(records) if r.drive is not None and r.measurement.platform_alone]
-    loops = [_loop(record) for record in alone if record.time.size >= 8]
+    driven = [record for record in as_displacements(records) if record.drive is not None and record.time.size >= 8]
+    alone = [record for record in driven if record.measurement.platform_alone]
+    if alone and not names:
+        return {}  # a fit finds powers of the voltage from nothing where the whole motion shows them
+    parts = [(r, part) for r in alone or driven for part in ([None] if alone else sticking_parts(r))]
+    loops = [_loop(record, part) for record, part in parts]
     loops = [loop for loop in loops if np.ptp(loop.volts) > 0.0 and np.ptp(loop.seen) > 0.0]
     if not loops:
         return {}
     trial = _Trial(piezo, known, loops, quantities(piezo))
+    if not names:
+        return trial.best_weights(())
     told = piezo.determinable_ranges(shown)
-    grid = [_grid(name, told.get(name), known, loops) for name in piezo.loop_numbers]
+    grid = [_grid(name, told.get(name), known, loops) for name in names]
     by_first: dict[float, tuple[float, tuple[float, ...]]] = {}
     for point in itertools.product(*grid):
         left = trial.left(point)
         if left < by_first.get(point[0], (math.inf, point))[0]:
             by_first[point[0]] = left, point
-    free = [i for i, name in enumerate(piezo.loop_numbers) if name not in known]
-    ends = [told[name][:2] if name in told else (0.0, math.inf) for name in piezo.loop_numbers]
+    free = [i for i, name in enumerate(names) if name not in known]
+    ends = [told[name][:2] if name in told else (0.0, math.inf) for name in names]
     promising = sorted(by_first.values())[:_VALLEYS]
     _, best = min(_refined(trial, point, left, free, ends) for left, point in promising)
-    found = trial.best_weights(best) | dict(zip(piezo.loop_numbers, best, strict=True))
+    found = trial.best_weights(best) | dict(zip(names, best, strict=True))
     return {name: number for name, number in found.items() if name not in known}
 
 
-def _loop(record: Record) -> _Loop:
+def _loop(record: Record, part: slice | None = None) -> _Loop:
+    """A record, or a part of it with the voltage before."""
+    if part is not None:
+        volts = voltages_at(record, record.time[: part.stop])
+        return _Loop(record.time[: part.stop], volts, record.measured[part], _noise(record))
     stride = -(-record.time.size // _MOST)
     time, seen = record.time[::stride], record.measured[::stride]
     kept = time > 0.0
@@ -94,8 +107,11 @@ def _loop(record: Record) -> _Loop:
     interval = float(np.median(np.diff(record.time))) * stride
     before = np.linspace(0.0, first, _BEFORE, endpoint=False)[1:] if first > 2.0 * interval else np.zeros(0)
     whole = np.concatenate([before, time])
-    noise = record.noise or scatter_floor(record.measured) or float(np.std(seen)) or 1.0
-    return _Loop(whole, voltages_at(record, whole), seen, noise)
+    return _Loop(whole, voltages_at(record, whole), seen, _noise(record))
+
+
+def _noise(record: Record) -> float:
+    return record.noise or scatter_floor(record.measured) or float(np.std(record.measured)) or 1.0
 
 
 def _grid(
@@ -129,7 +145,7 @@ class _Trial(NamedTuple):
         return {name: number or _UNUSED * gain / swing ** (power(name) - 1) for name, number in found.items()}
 
     def _solved(self, point: Sequence[float]) -> tuple[dict[str, float], float]:
-        numbers, rows, targets, names = dict(zip(self.piezo.loop_numbers, point, strict=True)), [], [], []
+        numbers, rows, targets, names = dict(zip(self.piezo.loop_numbers or (), point, strict=True)), [], [], []
         for place, loop in enumerate(self.loops):
             columns = self.piezo.loop_columns(loop.time, loop.volts, numbers)
             names = [name for name in columns if name not in self.known]

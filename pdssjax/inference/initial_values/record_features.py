@@ -44,6 +44,12 @@ _FINER = 4
 _PERIODS = 3.0
 """Periods looked at of a voltage that repeats."""
 
+_MOSTLY = 0.7
+"""Part of the time that slow flanks take where there are any."""
+
+_LEAST_OF_FLANK, _MOST_FLANKS = 4, 12
+"""Samples of half a flank, and how many of these are looked at."""
+
 
 def as_displacements(records: Sequence[Record]) -> list[Record]:
     """The records that tell a displacement, with that [m], up to a constant, in place of what was measured."""
@@ -79,6 +85,7 @@ def oscillator(driven: Sequence[Record], rings: bool) -> dict[str, float]:
         return _usual(ringing_ones)
     flanks = [_flank_gain(r) for r in moves if r.drive is not None and r.drive.flanks() is not None]
     gains = flanks or [_range_gain(record) for record in platforms]
+    gains = gains or [gain for record in moves for gain in _sticking_gains(record)]
     gains = gains or [gain for gain in map(_following_gain, moves) if gain > 0.0]
     return {"gain": float(np.median(gains))} if gains else {}
 
@@ -174,6 +181,44 @@ def _flank_gain(record: Record) -> float:
     flanks = record.drive.flanks()
     assert flanks is not None
     return abs(slope) / abs(float(flanks.slope))
+
+
+def sticking_parts(record: Record) -> list[slice]:
+    """Samples during which an end-effector is likely to stick: the later halves of flanks slower than those between.
+
+    None where the voltage rises as fast as it falls.
+    """
+    volts = np.broadcast_to(voltages(record), record.time.shape)[:_MOST_SAMPLES]
+    turns = np.array(_turning_points(volts, 0.5 * float(np.ptp(volts))), int)
+    lasts = np.diff(record.time[turns])
+    slow = lasts > 0.5 * np.max(lasts, initial=0.0)
+    if not lasts[slow].sum() > _MOSTLY * lasts.sum():
+        return []
+    halves = [slice((begin + end + 1) // 2, end) for begin, end in zip(turns[:-1][slow], turns[1:][slow], strict=True)]
+    return [half for half in halves if half.stop - half.start >= _LEAST_OF_FLANK][:_MOST_FLANKS]
+
+
+def _turning_points(volts: Float[np.ndarray, " n"], swing: float) -> list[int]:
+    """Where a voltage turns round, by more than a `swing` [V] before and after."""
+    turns, extreme, rises = list[int](), 0, None
+    for i, level in enumerate(volts):
+        further = level - volts[extreme]
+        if rises is None or (further > 0.0) == rises:
+            if rises is None and abs(further) > swing:
+                rises = bool(further > 0.0)
+            if rises is not None:
+                extreme = i
+        elif abs(further) > swing:
+            turns.append(extreme)
+            extreme, rises = i, not rises
+    return turns
+
+
+def _sticking_gains(record: Record) -> list[float]:
+    """How far an end-effector goes with the voltage [m/V] while it is likely to stick, by the parts of a record."""
+    volts = np.broadcast_to(voltages(record), record.time.shape)
+    slopes = [float(np.polyfit(volts[part], record.measured[part], 1)[0]) for part in sticking_parts(record)]
+    return [slope for slope in slopes if slope > 0.0]
 
 
 def stop_stiffness(record: Record, gain: float) -> float:

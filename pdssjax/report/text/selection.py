@@ -104,8 +104,9 @@ def _caption(found: Comparison) -> str:
         "held out, records: by how much the log score on held-out blocks of time, and on whole records, lies below "
         f"that of the best model, {found.best or 'none'}, and its standard error. A model is worse where the "
         "difference is at least two standard errors, at least 3, and at least half of the chi-square that the best "
-        "model leaves beyond noise; on blocks of time not where it has fewer parameters and no higher criterion. "
-        "criterion: Schwarz's (BIC) with the number of independent samples, above the lowest."
+        "model leaves beyond noise; on blocks of time not where it explains the fitted samples as well, with fewer "
+        "parameters by the criterion, with more by the likelihood: blocks then show only how little the records tell "
+        "of its parameters. criterion: Schwarz's (BIC) with the number of independent samples, above the lowest."
     )
 
 
