@@ -15,6 +15,28 @@ from pdssjax.piezo.base import Shown
 from pdssjax.simulation import PlatformOnly, sensor_samples
 
 NOISE = 2e-8
+WALKS = """\
+format = "pdssjax-study/1"
+[actuator]
+piezo = { dynamics = "second-order", hysteresis = { law = "none", asymmetry = 2 } }
+friction = "coulomb"
+[parameters]
+"piezo.gain" = {}
+"piezo.asymmetry_*" = {}
+"piezo.natural_frequency" = { value = "5200 rad/s" }
+"piezo.damping_ratio" = { value = 0.1 }
+"friction.f_c" = { value = "0.1 N" }
+"effector.mass" = { value = "50 g" }
+"""
+WALK = """
+[[record]]
+name = "{peak} V"
+file = "{peak}.csv"
+columns = {{ time = "time_s", displacement = "x_um" }}
+measures = "effector"
+noise = "20 nm"
+drive = {{ {drive} }}
+"""
 STUDY = """\
 format = "pdssjax-study/1"
 [actuator]
@@ -103,6 +125,30 @@ def test_stacks_without_elements_and_records_of_no_platform_begin_as_ever(tmp_pa
     assert loop_starts(stack, Shown(), {"initial_voltage": 5.0}, loaded.records) == {}
     assert loop_starts(member("piezo", "second-order"), Shown(), {}, loaded.records) == {}
     assert loop_starts(member("piezo", "composed:static+bouc-wen"), Shown(), {}, loaded.records) == {}
+
+
+@pytest.mark.parametrize("measured", [False, True], ids=["a known ramp", "a measured voltage"])
+def test_walks_alone_tell_gain_and_curvature_where_they_stick(tmp_path, measured):
+    """Cycles of 20 samples under 98 % ramps: the end-effector slips and rings at first, and follows in the end."""
+    random, time = np.random.default_rng(3), 1e-3 * np.arange(600)
+    cycle, phase = np.divmod(50.0 * time, 1.0)
+    text = WALKS
+    for peak in (60, 100):
+        volts = peak * np.minimum(phase / 0.98, (1.0 - phase) / 0.02)
+        follows = 4e-8 * volts + 3e-10 * volts**2
+        slips = 1e-6 * np.exp(-phase / 0.1) * np.cos(60.0 * phase) + 2e-6 * np.minimum(phase / 0.3, 1.0)
+        walked = follows + slips + 5e-6 * cycle + random.normal(0.0, NOISE, time.size)
+        noisy = volts + 0.02 * random.normal(size=time.size)
+        rows = np.stack([time, noisy, 1e6 * walked], axis=1)
+        np.savetxt(tmp_path / f"{peak}.csv", rows, "%.6f", ",", header="time_s,u_V,x_um", comments="")
+        known = f'waveform = "triangle", voltage = "{peak} V", frequency = "50 Hz", symmetry = 0.98'
+        drive = 'waveform = "sampled", column = "u_V"' if measured else known
+        text += WALK.format(peak=peak, drive=drive)
+    (tmp_path / "walks.toml").write_text(text)
+    loaded = pdssjax.load_study(tmp_path / "walks.toml")
+    starts, _ = guess_starts(loaded.models, loaded.parameters, loaded.records)
+    assert starts["piezo.gain"] == pytest.approx(4e-8, rel=0.15)
+    assert starts["piezo.asymmetry_2"] == pytest.approx(3e-10, rel=0.15)
 
 
 @pytest.mark.parametrize("name", [slow("static+play-4+asymmetry-3+creep-2"), "static+play-2", "static+creep-3"])
