@@ -173,7 +173,7 @@ def draw(estimate: Estimate) -> Figure:
     left.set(xlabel="time [s]", ylabel="displacement [um]", title=f"{record.name} %, not fitted")
     left.legend()
     right.plot(record.time, 1e6 * (record.measured - record.predicted), ".", ms=1.5, color=BLUE)
-    right.set(xlabel="time [s]", ylabel="measured less predicted [um]", title="All of it")
+    right.set(xlabel="time [s]", ylabel="measured less predicted [um]", title="All of its residuals")
     return figure
 
 

@@ -60,7 +60,8 @@ def loop_starts(
 ) -> dict[str, float]:
     """Numbers of a stack by name, those that the `records` suggest; none where it is a straight line.
 
-    Records of the platform alone tell them; without one, end-effectors while they are likely to stick.
+    Loops and creep are told by records of the platform alone; powers of the voltage, without such a record, by
+    end-effectors while they are likely to stick.
 
     **Arguments:** what the records have `shown`; the numbers `known`, which are held.
     """
@@ -69,8 +70,8 @@ def loop_starts(
         return {}
     driven = [record for record in as_displacements(records) if record.drive is not None and record.time.size >= 8]
     alone = [record for record in driven if record.measurement.platform_alone]
-    if alone and not names:
-        return {}  # a fit finds powers of the voltage from nothing where the whole motion shows them
+    if bool(alone) != bool(names):
+        return {}  # a fit finds powers from nothing where the whole motion shows them, and parts show no loop
     parts = [(r, part) for r in alone or driven for part in ([None] if alone else sticking_parts(r))]
     loops = [_loop(record, part) for record, part in parts]
     loops = [loop for loop in loops if np.ptp(loop.volts) > 0.0 and np.ptp(loop.seen) > 0.0]

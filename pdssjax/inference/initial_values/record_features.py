@@ -44,7 +44,7 @@ _FINER = 4
 _PERIODS = 3.0
 """Periods looked at of a voltage that repeats."""
 
-_MOSTLY = 0.7
+_SLOW_SHARE = 0.7
 """Part of the time that slow flanks take where there are any."""
 
 _LEAST_OF_FLANK, _MOST_FLANKS = 4, 12
@@ -192,7 +192,7 @@ def sticking_parts(record: Record) -> list[slice]:
     turns = np.array(_turning_points(volts, 0.5 * float(np.ptp(volts))), int)
     lasts = np.diff(record.time[turns])
     slow = lasts > 0.5 * np.max(lasts, initial=0.0)
-    if not lasts[slow].sum() > _MOSTLY * lasts.sum():
+    if not lasts[slow].sum() > _SLOW_SHARE * lasts.sum():
         return []
     halves = [slice((begin + end + 1) // 2, end) for begin, end in zip(turns[:-1][slow], turns[1:][slow], strict=True)]
     return [half for half in halves if half.stop - half.start >= _LEAST_OF_FLANK][:_MOST_FLANKS]
