@@ -10,7 +10,7 @@ from typing import TypeAlias
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..core import Scalar, ScalarLike, Truth
+from ..core import Scalar, Truth
 from .taylor_series import Series
 from .traced_arithmetic import choose, plus, times
 
@@ -46,13 +46,10 @@ _CUBIC = 5
 """Iterations of their first guess, by values and slopes at the ends of the bracket alone."""
 
 
-def first_crossing(
-    guards: tuple[Series, ...], size: int, step_radius: Scalar, opaque_one: ScalarLike = 1.0
-) -> tuple[Scalar, Truth, Scalar]:
+def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Scalar) -> tuple[Scalar, Truth, Scalar]:
     """When the step ends: the first time [s] at which a guard has fallen through zero, or else `step_radius` [s].
 
-    **Arguments:** the guards as series in the time since the step's begin, of which `size` coefficients count;
-    `opaque_one` as of `step_table.kept`.
+    **Arguments:** the guards as series in the time since the step's begin, of which `size` coefficients count.
 
     **Returns:** that time; whether a guard falls there; and which.  Where a guard is so flat that its root is not
     located yet, the time is a little before it and none falls: the next step begins there.
@@ -64,8 +61,8 @@ def first_crossing(
     if not guards:
         return step_radius, jnp.zeros((), bool), jnp.zeros(())
     # Side by side: one kernel for all guards, and half the code to compile.
-    sides = jnp.stack([jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)])
-    crossings = _crossing(_Divided(list(sides / opaque_one)), step_radius)
+    sides = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
+    crossings = _crossing(_Divided(sides), step_radius)
     distances = jnp.abs(crossings)
     first = distances.min()
     falls = first <= step_radius

@@ -205,7 +205,7 @@ def until_event(
     motion = unflatten([polynomial(c) for c in piece.polynomials])
     size = len(piece.polynomials[0])
     guards, size = system.guards_along(segment, clock, motion, loop.mode, size, piece.step_radius)
-    duration, event, which = first_crossing(guards, size, piece.step_radius, opaque_one)
+    duration, event, which = first_crossing(guards, size, piece.step_radius)
     # Asked for in many places, which must not disagree: what is computed again may differ by rounding.
     duration, event, which = kept((duration, event * 1.0, which), opaque_one)
     event = event > 0.0
