@@ -118,11 +118,10 @@ def walk(rises: float, peak: float, seconds: float) -> tuple[Float[np.ndarray, "
     return time, shown
 
 
-def written(folder: Path, law: str = SIMPLIFIED, predicted: float = PREDICTED, seed: int = 5) -> Path:
-    """The study of the rig with a friction `law` in a `folder`, and its files; returns where it is."""
-    random, folder = np.random.default_rng(seed), Path(folder)
+def write_walks(folder: Path, predicted: float = PREDICTED, seed: int = 5) -> str:
+    """Write the files of all walks to a `folder`, the last of so many seconds; returns what a study says of them."""
+    random, text = np.random.default_rng(seed), ""
     folder.mkdir(parents=True, exist_ok=True)
-    text = STUDY.format(law=law, mass=POSED_MASS, contact="\n".join(f'"friction.{name}" = {{}}' for name in LAWS[law]))
     for name, (rises, peak) in WALKS.items():
         last = name == [*WALKS][-1]
         time, shown = walk(rises, peak, predicted if last else FITTED)
@@ -134,8 +133,14 @@ def written(folder: Path, law: str = SIMPLIFIED, predicted: float = PREDICTED, s
             csv.writer(stream).writerows([("Time (s)", "Drive (V)", "Slider (um)"), *rows])
         role = "validate" if last else "fit"
         text += RECORD.format(name=name, file=file.name, role=role, voltage=peak, rises=rises)
+    return text
+
+
+def write_study(folder: Path, records: str, law: str = SIMPLIFIED) -> Path:
+    """Write the study of these `records` with a friction `law` beside their files; returns where it is."""
+    contact = "\n".join(f'"friction.{name}" = {{}}' for name in LAWS[law])
     path = folder / "rig.toml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(STUDY.format(law=law, mass=POSED_MASS, contact=contact) + records, encoding="utf-8")
     return path
 
 
@@ -184,13 +189,14 @@ def main() -> None:
     quick = parser.parse_args().quick
     prepare_jax(dedicated=True)
     folder, law, text = OUT / NAME, SIMPLIFIED, list[str]()
+    records = write_walks(folder, 2.0 if quick else PREDICTED)
     if not quick:
-        found = answered(written(folder, law))
+        found = answered(write_study(folder, records))
         law = found.chosen or law
         names = [f"{r.name} ({'worse' if r.is_worse else 'as good'})" for r in found.results if r.name != law]
         row = Row("simplest law that is enough", None, found.chosen or "no fit", "", ", ".join(names))
         text.append(print_table("Which law", [row]))
-    estimate = pdssjax.identify(pdssjax.load_study(written(folder, law, 2.0 if quick else PREDICTED)), progress=print)
+    estimate = pdssjax.identify(pdssjax.load_study(write_study(folder, records, law)), progress=print)
     title = f"A student project's rig with the law {law}, from no starts"
     write("\n\n".join([*text, print_table(title, rows(estimate))]), NAME)
     with styled():

@@ -114,7 +114,7 @@ mlir.register_lowering(_CALL, mlir.lower_fun(_computed, multiple_results=True))
 
 
 Begins: TypeAlias = Sequence[Float[Array, " rows"]]
-"""Origin, local time and each component of the state where steps begin."""
+"""The numbers with which steps begin, an array each: origin, local time and every component of the state."""
 
 _HIGHEST = 2
 """Order of the highest derivatives there are."""

@@ -140,7 +140,8 @@ class Fitness(NamedTuple):
     """Schwarz's: the deviance and, of each parameter, the logarithm of the number of independent samples."""
 
     def is_no_worse(self, other: "Fitness") -> bool:
-        """It explains as much: with fewer parameters by the criterion, with more by the likelihood."""
+        """Whether the model explains as much as the `other`: by the criterion with fewer parameters, by the likelihood
+        with more."""
         if self.free < other.free:
             return self.criterion <= other.criterion
         return self.free > other.free and self.deviance <= other.deviance + 2.0 * MIN_SCORE_DIFFERENCE
@@ -154,7 +155,7 @@ class Scores(NamedTuple):
     """By model, w of each part."""
     log_volumes: tuple[float, ...]
     fits: Mapping[str, Fitness] = MappingProxyType({})
-    """By model."""
+    """How well each model explains the fitted samples, by its name."""
 
     def only(self, *kinds: str) -> "Scores":
         """Those of parts of some `kinds`."""

@@ -9,7 +9,7 @@ pytestmark = pytest.mark.slow  # two minutes
 
 
 def test_from_files_of_20_samples_a_cycle_to_parameters_and_a_walk_that_was_not_fitted(tmp_path):
-    study = pdssjax.load_study(student_rig.written(tmp_path, predicted=2.0))
+    study = pdssjax.load_study(student_rig.write_study(tmp_path, student_rig.write_walks(tmp_path, predicted=2.0)))
     estimate = pdssjax.identify(study)
     *fitted, predicted = estimate.records
     assert estimate.converged and estimate.explained

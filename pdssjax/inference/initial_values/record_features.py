@@ -48,7 +48,7 @@ _SLOW_SHARE = 0.7
 """Part of the time that slow flanks take where there are any."""
 
 _LEAST_OF_FLANK, _MOST_FLANKS = 4, 12
-"""Samples of half a flank, and how many of these are looked at."""
+"""How many samples the later half of a slow flank has at least, and how many such halves of a record are used."""
 
 
 def as_displacements(records: Sequence[Record]) -> list[Record]:
@@ -199,7 +199,7 @@ def sticking_parts(record: Record) -> list[slice]:
 
 
 def _turning_points(volts: Float[np.ndarray, " n"], swing: float) -> list[int]:
-    """Where a voltage turns round, by more than a `swing` [V] before and after."""
+    """Samples at which a voltage turns round, after and before changes of more than a `swing` [V]."""
     turns, extreme, rises = list[int](), 0, None
     for i, level in enumerate(volts):
         further = level - volts[extreme]
