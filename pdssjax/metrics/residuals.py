@@ -86,7 +86,10 @@ def split_by_phase(
     cycles = np.ptp(clock) * frequency
     exact = abs(count - round(count)) * cycles < _OFF_GRID
     phase = np.mod(clock * frequency, 1.0) * (round(count) if exact else count)
-    group = np.mod(np.round(phase), round(count)).astype(int) if exact else np.floor(phase).astype(int)
+    if exact:  # on the grid of the first sample: halfway between two phases rounding would mix neighbours
+        group = np.mod(np.round(phase - (phase[0] - np.round(phase[0]))), round(count)).astype(int)
+    else:
+        group = np.floor(phase).astype(int)
     sizes = np.bincount(group)
     if np.sum(sizes > 1) < 8:
         return None

@@ -49,8 +49,9 @@ def test_what_repeats_is_seen_better_than_by_a_sum_of_squares_whose_noise_is_kno
 
 
 @pytest.mark.parametrize("coefficient", [0.8, 0.95])
-def test_noise_whose_neighbours_are_alike_is_no_misfit(coefficient):
-    time = np.arange(1600) / 200.0 / FREQUENCY  # 8 cycles of 200 samples
+@pytest.mark.parametrize("samples, begin", [(200.0, 0.0), (200.0, 0.5), (193.7, 0.5)])  # a cycle; the first, in samples
+def test_noise_whose_neighbours_are_alike_is_no_misfit(coefficient, samples, begin):
+    time = (np.arange(1600) + begin) / samples / FREQUENCY
     found = []
     for _ in range(300):
         noise = lfilter([1.0], [1.0, -coefficient], RANDOM.normal(size=time.size + 300))[300:]
