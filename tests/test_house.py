@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "pdssjax"
 
 STOREYS = """
-core integration drive piezo friction actuator simulation metrics study inference sweeps design selection
+core integration drive piezo friction actuator simulation metrics study inference sweeps selection design
 report files explore cli
 """.split()
 """Rooms, lowest first; each imports only rooms before it."""

@@ -1,6 +1,6 @@
 """Optimal design of experiments: the next records, drives and samples, within the limits of rig and recorder.
 
-Imports `inference` and the rooms below it.
+Imports `selection` and the rooms below it.
 """
 
 from typing import TYPE_CHECKING

@@ -5,9 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..core import InputError, member, members, nearest, quantities
-from ..inference import identify
-from ..study import Estimate, Parameter, Record, Study, make_recordings
+from ..core import InputError, member_name, members, nearest
+from ..inference import effort_of, identify
+from ..selection import Candidate, candidates_of, starting_near
+from ..study import Estimate, Record, Study, make_recordings
 from .experiments import Experiment, Limits, completed_limits, possible_experiments
 from .plan import Knowledge, knowledge_of
 
@@ -18,24 +19,23 @@ _CYCLES = 3
 
 
 def with_law(study: Study, law: str) -> Study:
-    """A study whose friction law is replaced, all parameters of the other law free and without starts.
+    """The study under another friction law, as `compare` poses it: what both laws have keeps its number or start.
 
-    Parameters that both laws have by the same name keep the numbers, as where friction starts.
-
-    **Raises:** `InputError` where there is no such law, or it is the study's own.
+    **Raises:** `InputError` where there is no such law, it is the study's own, or the study cannot be posed under it.
     """
+    return _posed(study, law).study
+
+
+def _posed(study: Study, law: str) -> Candidate:
     known = members("friction")
     if law not in known:
         raise InputError(f'against: found "{law}"; {nearest(law, known)}')
-    friction = member("friction", law)
-    if friction is study.friction:
+    if law == member_name(study.friction):
         raise InputError(f'against: found "{law}", which is the law of the study itself; expected another one.')
-    other = {path: p for path, p in study.parameters.items() if not path.startswith("friction.")}
-    for field, declared in quantities(friction).items():
-        path = f"friction.{field}"
-        if not declared.optional:
-            other[path] = study.parameters.get(path) or Parameter(path, declared.unit, declared)
-    return dataclasses.replace(study, friction=friction, parameters=other)
+    (other,) = (candidate for candidate in candidates_of(study, [law]) if not candidate.is_own)
+    if other.refused:
+        raise InputError(f'against: "{law}": {other.refused}.')
+    return other
 
 
 def fitted_rival(
@@ -48,28 +48,30 @@ def fitted_rival(
     """The study with another law, its parameters fitted; and what that fit knows of them.
 
     It is fitted to the study's records, or where these are still to be made to what the study's own law predicts of a
-    few records within the `limits`.
+    few records within the `limits`.  The fit begins at what is known of the study's own law; where it creeps along a
+    valley, as those of a wrong law may, its best point is taken: what a better one would explain counts to first order.
 
     **Arguments:** `knowledge` tells the numbers of the study's own law where it has none; `progress` takes lines.
 
-    **Raises:** `InputError` for an unknown law, and where it cannot be fitted.
+    **Raises:** `InputError` for an unknown law, and where it cannot be simulated.
     """
-    rival = with_law(study, law)
+    rival = _posed(study, law)
+    if knowledge is None:
+        values = {path: p.number for path, p in study.parameters.items() if p.free and p.number is not None}
+    else:
+        values = (knowledge_of(knowledge) if isinstance(knowledge, Estimate) else knowledge).values
     records = [record for record in study.records if record.role == "fit" and np.any(record.measured)]
     if not records:
-        known = knowledge_of(knowledge) if isinstance(knowledge, Estimate) else knowledge
-        own = study if known is None else study.with_values(known.values)
-        records = _made(own, limits or Limits())
+        records = _made(study.with_values(values) if values else study, limits or Limits())
     estimate = identify(
-        dataclasses.replace(rival, records=tuple(records)),
-        effort="quick",
+        dataclasses.replace(starting_near(rival, values), records=tuple(records)),
+        effort=effort_of("quick")._replace(compares=False),
         progress=None if progress is None else lambda line: progress(f"fitting {law}: {line}"),
     )
-    found = knowledge_of(estimate)
-    if not estimate.converged:
+    if not np.isfinite(estimate.statistics.chi2):
         raise InputError(f'against: found no fit of "{law}" to the records: {estimate.message}.')
-    starts = {path: found.values[path] for path, p in rival.parameters.items() if p.free}
-    return rival.with_starts(starts), found
+    found = knowledge_of(estimate)
+    return rival.study.with_starts({path: found.values[path] for path in rival.free}), found
 
 
 def _made(study: Study, limits: Limits) -> list[Record]:

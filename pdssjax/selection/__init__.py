@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .candidate_fits import CandidateStore as CandidateStore
-    from .candidates import Candidate as Candidate, candidates_of as candidates_of
+    from .candidates import Candidate as Candidate, candidates_of as candidates_of, starting_near as starting_near
     from .comparing import EFFORT as EFFORT, compare_models as compare_models
     from .comparison import (
         Comparison as Comparison,
