@@ -1,14 +1,12 @@
-"""The fit of everything else with the stack held at numbers found before, and the fit in two steps that way.
+"""Fits with the stack held at numbers found before, and the fit in two steps that way.
 
-The second of two steps: the records of the platform alone have been used and are left out, so that starts, restarts
+In the second of two steps the records of the platform alone have been used and are left out, so that starts, restarts
 and verdicts look at the others only.  Afterwards all records and parameters are put together again, for the statistics
 and for the covariance, which carries the stack's errors on.
 
-Whether what the walks leave can come of the stack as it was read off peaks.
-
-The stack is held where it was read, and wrong by its errors; the walks show that as they show a law that lacks
-something.  So they are judged by what they would leave had the stack been free to move as far as its errors let it.
-To first order that is the least of
+A stack that was read off peaks is held where it was read, and wrong by its errors, which the walks show as they show a
+law that lacks something.  So the walks are judged by what they would leave had the stack been free to move as far as
+its errors let it.  To first order that is the least of
 
     |r + J d|^2 + d_s' C^-1 d_s
 

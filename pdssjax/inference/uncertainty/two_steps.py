@@ -1,15 +1,12 @@
-"""A fit in two steps: how its estimate follows the samples, errors of the first step carried on to the second.
-
-And how much an error of the parameters that were fitted first moves those fitted after them.
+"""A fit in two steps: how its estimate follows the samples, and how errors of the first step move the second.
 
 Parameters a are fitted to the first step's samples, and held while b are fitted to the second's.  An error of a moves
 b by -H_b^-1 J_b' J_a da to first order (K. M. Murphy and R. H. Topel, Journal of Business and Economic Statistics
-3(4), 1985).  Here that is the influence of the first step's samples on b, so that any error model may follow; the
-curvature of residuals that do not average out enters as in `influence`.
+3(4), 1985).  `TwoSteps` has that as the influence of the first step's samples on b, so that any error model may follow;
+the curvature of residuals that do not average out enters as in `influence`.
 
-How much an error of parameters that were fitted first moves those fitted after them.
-
-The thesis identifies the stack first and then takes it for exact (6.2 asks what its errors do to the friction).
+The thesis identifies the stack first and takes it for exact; its section 6.2 asks what its errors do to the friction.
+`amplification_of` answers it: the relative change of each b by a relative change of each a.
 """
 
 from typing import NamedTuple
