@@ -8,15 +8,11 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any, ClassVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float
 
 from ..core import Scalar, ScalarLike, quantities
-from ..drive.base import Segment, Voltage
-from ..integration import N, Term
-from ._ceramic import AbstractHysteresis, BoucWen, Ceramic, Elements, Layout, Parts, joined
+from ._ceramic import AbstractHysteresis, BoucWen, Ceramic, Elements
 from ._composition import (
     Composition,
     composed_guess,
@@ -29,25 +25,14 @@ from ._composition import (
     mechanical_names,
 )
 from ._dynamics import AbstractDynamics, FirstOrder, Modal, Mode, Static
-from ._on_lines import (
-    CeramicArrays,
-    Line,
-    Moment,
-    advanced,
-    begins_of_lines,
-    inside_lines,
-    lines_a_segment,
-    place_among_lines,
-    straightened,
-)
 from ._rod import Rod, modes
-from .base import AbstractPiezo, DeterminableRange, Shown, State, Terms, slew_sign
+from ._stack import AbstractStack, History, oscillator
+from .base import DeterminableRange, Shown
 
 
-class ComposedModel(AbstractPiezo):
+class ComposedModel(AbstractStack):
     """The mechanics' states, the voltage seen [V], then the elements' and those of creep; then flags."""
 
-    has_steady_state = False
     made: ClassVar[Composition]
     """Parts of the stack."""
     told: ClassVar[dict[str, str]]
@@ -87,8 +72,7 @@ class ComposedModel(AbstractPiezo):
         if self.made.dynamics == "first-order":
             return FirstOrder(self._get("time_constant"))
         if self.made.dynamics == "second-order":
-            numbers = (self._get(name) for name in ("natural_frequency", "damping_ratio", "mass"))
-            return Modal((Mode(1.0, *numbers),))
+            return oscillator(self._get("natural_frequency"), self._get("damping_ratio"), self._get("mass"))
         names = ("modulus", "viscosity", "density", "area", "platform_mass")
         length = self._get("stack_length")
         kept = modes(
@@ -118,117 +102,10 @@ class ComposedModel(AbstractPiezo):
         span, many = self._get(f"{word}_range"), self.made.elements
         return Elements(self._numbered(word), tuple(span * (j / many) for j in range(1, many + 1)))
 
-    def initial(self) -> State:
-        rest, zero = self._get("initial_voltage") * jnp.ones(()), jnp.zeros(())
-        ceramic, law = self.ceramic, self._law()
-        peak = self._get("initial_peak") if self.made.hysteresis != "none" else zero
-        stops = law.driven(law.driven((zero,) * law.count, peak), rest - peak)
-        left = self._numbered("initial_creep")
-        crept = tuple(k * rest + d for k, d in zip(ceramic.shares, left, strict=True))
-        aim = ceramic.aim(rest, stops, crept)
-        flags = tuple(zero + flag for flag in (1.0, *law.first_marks)) if law.count else ()
-        slope = zero if self.made.dynamics == "static" else None
-        return joined(Parts(self.dynamics.initial(aim), rest, slope, stops, crept, flags))
-
-    def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
-        ceramic, x = self.ceramic, self._parts(state)
-        mechanics = self.dynamics.rates(x.mechanics, ceramic.aim(x.seen, x.stops, x.crept), force)
-        slope = voltage.slope if x.slope is None else x.slope
-        bend = None if x.slope is None else voltage.bend + x.slope * 0.0
-        flags = tuple(0 for _ in x.flags)
-        return joined(Parts(mechanics, slope, bend, ceramic.stop_rates(x, slope), ceramic.creep_rates(x), flags))
-
-    def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
-        ceramic, x = self.ceramic, self._parts(state)
-        aim = ceramic.aim(x.seen, x.stops, x.crept)
-        speed = aim if x.slope is None else ceramic.aim_rate(x, x.slope)
-        return self.dynamics.platform(x.mechanics, aim, speed)
-
-    def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
-        ceramic, x = self.ceramic, self._parts(state)
-        slope = voltage.slope if x.slope is None else x.slope
-        aim, speed = ceramic.aim(x.seen, x.stops, x.crept), ceramic.aim_rate(x, slope)
-        return self.dynamics.acceleration(x.mechanics, aim, speed, ceramic.aim_bend(x, slope, voltage.bend))
-
-    def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
-        return state
-
-    def guards(self, state: Terms, voltage: Voltage[Term]) -> Terms:
-        x = self._parts(state)
-        if not x.flags:
-            return ()
-        turns = x.seen * 0.0 + voltage.slope * x.rises
-        return turns, *self._law().guards(x.stops, x.rises, x.marks)
-
-    def after_event(self, state: State, voltage: Voltage[Scalar], which: Scalar) -> State:
-        x = self._parts(state)
-        turned = jnp.where(which == 0, -x.rises, x.rises)
-        return joined(x._replace(flags=(turned, *self._law().marks_after(x.marks, which))))
-
-    def on_segment_start(self, state: State, segment: Segment) -> State:
-        x, law = self._parts(state), self._law()
-        voltage = segment.voltage(0.0)
-        stops = law.driven(x.stops, voltage.level - x.seen)
-        slope = None if x.slope is None else voltage.slope + 0.0 * x.slope
-        x = x._replace(seen=voltage.level + 0.0 * x.seen, slope=slope, stops=stops)
-        if not x.flags:
-            return joined(x)
-        rises = slew_sign(voltage, x.rises)
-        return joined(x._replace(flags=(rises, *law.marks_at(stops, rises))))
-
-    def motion(self, state: State, segment: Segment, t_local: ScalarLike, elapsed: ScalarLike) -> State:
-        x = self._parts(state)
-        line = Line(segment.voltage(t_local).level, jnp.asarray(segment.slope, float))
-        end = advanced(self._arrays(), self.dynamics, line, self._moment(x), elapsed)
-        return self._state_at(end, line.start + line.slope * elapsed, line.slope)
-
-    def states_on_lines(
-        self, segments: Segment, places: Int[Array, " m"], t_local: Float[Array, " m"]
-    ) -> tuple[Float[Array, " m"], ...]:
-        ceramic, dynamics, x = self._arrays(), self.dynamics, self._parts(self.initial())
-        now = jax.vmap(Segment.voltage)(jax.tree.map(lambda array: array[places], segments), t_local)
-        if segments.wave is not None:
-            many = lines_a_segment(segments.start.size)
-            places, t_local = place_among_lines(segments, places, t_local, many)
-            segments = straightened(segments, many)
-        lines = Line(segments.start, segments.slope)
-        durations = jnp.where(jnp.isfinite(segments.duration), segments.duration, 0.0)
-        begins = begins_of_lines(ceramic, dynamics, lines, durations, x.seen, self._moment(x))
-        here, line = (jax.tree.map(lambda array: array[places], tree) for tree in (begins, lines))
-        moments = inside_lines(ceramic, dynamics, line, here, t_local)
-        return jax.vmap(self._state_at)(moments, now.level, now.slope)
-
-    def error_scale(self) -> State:
-        metre, volt, mechanics = jnp.ones(()), self.static_gain(), self.dynamics.scales()
-        slope = volt / self.frequency_scale() if self.made.dynamics == "static" else None
-        has = self._layout()
-        return joined(Parts(mechanics, volt, slope, (volt,) * has.stops, (metre,) * has.crept, (metre,) * has.flags))
-
-    def static_gain(self) -> Scalar:
-        ceramic = self.ceramic
-        return jnp.asarray(sum(ceramic.hysteresis.weights, ceramic.memoryless[0]), float)
-
-    def frequency_scale(self) -> Scalar:
-        return self.dynamics.frequency_scale()
-
-    def _arrays(self) -> CeramicArrays:
-        ceramic, law = self.ceramic, self._law()
-        thresholds = law.thresholds if isinstance(law, Elements) else ()
-        arrays = (law.weights, thresholds, ceramic.shares, ceramic.times)
-        return CeramicArrays(ceramic.memoryless, *(jnp.asarray(numbers, float) for numbers in arrays))
-
-    def _moment(self, x: Parts[Any]) -> Moment:
-        return Moment(*(jnp.asarray(numbers, float) for numbers in (x.mechanics, x.stops, x.crept)))
-
-    def _state_at(self, moment: Moment, seen: Scalar, slope: Scalar) -> State:
-        """The state at a moment within a line."""
-        flags: tuple[Scalar, ...] = ()
-        stops = tuple(moment.stops)
-        if self.made.has_elements:
-            rises = jnp.where(slope < 0.0, -1.0, 1.0)
-            flags = (rises, *self._law().marks_at(stops, rises))
-        rate = slope if self.made.dynamics == "static" else None
-        return joined(Parts(tuple(moment.mechanics), seen, rate, stops, tuple(moment.crept), flags))
+    @property
+    def history(self) -> History:
+        peak = self._get("initial_peak") if self.made.hysteresis != "none" else 0.0
+        return History(self._get("initial_voltage"), peak, self._numbered("initial_creep"))
 
     def _numbered(self, word: str) -> tuple[ScalarLike, ...]:
         many = self.made.creep if word in ("creep", "initial_creep") else self.made.elements
@@ -237,13 +114,6 @@ class ComposedModel(AbstractPiezo):
     def _get(self, name: str) -> ScalarLike:
         number: ScalarLike = getattr(self, name)
         return number
-
-    def _layout(self) -> Layout:
-        static = 1 if self.made.dynamics == "static" else 0
-        return Layout(len(self.dynamics.scales()), static, self._law().count, self.made.creep)
-
-    def _parts(self, state: tuple[N, ...]) -> Parts[Any]:
-        return self._layout().split(state)
 
 
 HOME = "pdssjax.piezo.composed"

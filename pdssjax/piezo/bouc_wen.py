@@ -18,20 +18,16 @@ T. S. Low and W. Guo, Journal of Microelectromechanical Systems 4(4), 1995.
 
 from collections.abc import Mapping
 
-import jax.numpy as jnp
-
-from ..core import Scalar, ScalarLike, quantities, quantity
-from ..drive.base import Segment, Voltage
-from ..integration import N, Term
-from ._ceramic import after_jump
-from ._oscillator import accelerated
-from .base import USUAL_SWING, AbstractPiezo, Shown, State, Terms, slew_sign
+from ..core import quantities, quantity
+from . import _ceramic as hysteresis
+from ._ceramic import Ceramic
+from ._dynamics import Modal
+from ._stack import AbstractStack, oscillator
+from .base import USUAL_SWING, Shown
 
 
-class BoucWen(AbstractPiezo):
-    """Displacement y, velocity, hysteresis h [m], voltage seen [V]; then flags: the signs of u' and of h."""
-
-    has_steady_state = False
+class BoucWen(AbstractStack):
+    """Displacement y, velocity, voltage seen [V], hysteresis h/(a C) [V]; then flags: the signs of u' and of h."""
 
     hysteretic = ("alpha", "beta", "gamma")
 
@@ -67,47 +63,11 @@ class BoucWen(AbstractPiezo):
             guess |= {"beta": beta, "gamma": beta / 3.0}
         return guess
 
-    def initial(self) -> State:
-        zero = jnp.zeros(())
-        return zero, zero, zero, zero, zero + 1.0, zero + 1.0
+    @property
+    def dynamics(self) -> Modal:
+        return oscillator(self.natural_frequency, self.damping_ratio, self.mass)
 
-    def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
-        _, w, h, _, rises, sign = state
-        slope = voltage.slope
-        lags = slope * (self.alpha * self.gain) - slope * h * (rises * self.beta + sign * self.gamma)
-        return w, self.acceleration(state, voltage) + force * (1.0 / self.mass), lags, slope, 0, 0
-
-    def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
-        return state[0], state[1]
-
-    def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
-        y, w, h, *_ = state
-        return accelerated(y, w, voltage.level * self.gain - h, self.natural_frequency, self.damping_ratio)
-
-    def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
-        return state
-
-    def guards(self, state: Terms, voltage: Voltage[Term]) -> Terms:
-        _, _, h, _, rises, sign = state
-        return h * 0.0 + voltage.slope * rises, h * (sign * (1.0 / self.gain))
-
-    def after_event(self, state: State, voltage: Voltage[Scalar], which: Scalar) -> State:
-        y, w, h, seen, rises, sign = state
-        return y, w, h, seen, jnp.where(which == 0, -rises, rises), jnp.where(which == 1, -sign, sign)
-
-    def on_segment_start(self, state: State, segment: Segment) -> State:
-        y, w, h, seen, rises, _ = state
-        voltage = segment.voltage(0.0)
-        h = after_jump(h, voltage.level - seen, self.alpha * self.gain, self.beta, self.gamma)
-        rises = slew_sign(voltage, rises)
-        return y, w, h, voltage.level, rises, jnp.where(h == 0.0, rises, jnp.where(h > 0.0, 1.0, -1.0))
-
-    def error_scale(self) -> State:
-        metre = jnp.ones(())
-        return metre, 1.0 / self.frequency_scale(), metre, self.static_gain(), metre, metre
-
-    def static_gain(self) -> Scalar:
-        return jnp.asarray(self.gain, float)
-
-    def frequency_scale(self) -> Scalar:
-        return jnp.asarray(self.natural_frequency, float)
+    @property
+    def ceramic(self) -> Ceramic:
+        lags = self.alpha * self.gain
+        return Ceramic((self.gain - lags,), hysteresis.BoucWen((lags,), self.beta, self.gamma), (), ())

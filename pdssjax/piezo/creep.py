@@ -13,13 +13,11 @@ Dynamic Systems, Measurement, and Control 123(1), 2001.
 
 from collections.abc import Mapping
 
-import jax.numpy as jnp
-
-from ..core import Scalar, ScalarLike, quantity
-from ..drive.base import Segment, Voltage
-from ..integration import N, Term
-from ._oscillator import accelerated
-from .base import AbstractPiezo, Shown, State, Terms
+from ..core import quantity
+from ._ceramic import Ceramic, Elements
+from ._dynamics import Modal
+from ._stack import AbstractStack, oscillator
+from .base import Shown
 
 _DECADES = (1.0, 10.0, 100.0)
 
@@ -27,10 +25,10 @@ _PARTS = 60.0
 """Times that t_1 fits into the longest record: the slowest element then has most of its way within it."""
 
 
-class Creep(AbstractPiezo):
-    """Displacement and velocity, then the voltages c_1, c_2, c_3 [V] by which the stack has crept."""
+class Creep(AbstractStack):
+    """Displacement, velocity, voltage seen [V], then the displacements by which the three elements have crept [m]."""
 
-    has_steady_state = False
+    closed_on_lines = True
 
     gain: float = quantity(1.007e-7, "m/V")
     """Displacement per volt C before any creep [m/V]."""
@@ -50,34 +48,11 @@ class Creep(AbstractPiezo):
         guess = super().first_guess(shown, known)
         return guess | ({"creep_time": shown.duration / _PARTS} if shown.duration else {})
 
-    def initial(self) -> State:
-        return tuple(jnp.zeros(()) for _ in range(2 + len(_DECADES)))
+    @property
+    def dynamics(self) -> Modal:
+        return oscillator(self.natural_frequency, self.damping_ratio, self.mass)
 
-    def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
-        _, w, *crept = state
-        creeps = (
-            (voltage.level * self.creep - c) * (1.0 / (self.creep_time * decade))
-            for c, decade in zip(crept, _DECADES, strict=True)
-        )
-        return (w, self.acceleration(state, voltage) + force * (1.0 / self.mass), *creeps)
-
-    def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
-        return state[0], state[1]
-
-    def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
-        y, w, *crept = state
-        drives = sum(crept, voltage.level)
-        return accelerated(y, w, drives * self.gain, self.natural_frequency, self.damping_ratio)
-
-    def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
-        return state
-
-    def error_scale(self) -> State:
-        volt = self.static_gain()
-        return (jnp.ones(()), 1.0 / self.frequency_scale(), *(volt for _ in _DECADES))
-
-    def static_gain(self) -> Scalar:
-        return jnp.asarray(self.gain, float)
-
-    def frequency_scale(self) -> Scalar:
-        return jnp.asarray(self.natural_frequency, float)
+    @property
+    def ceramic(self) -> Ceramic:
+        share = self.gain * self.creep
+        return Ceramic((self.gain,), Elements(), (share,) * len(_DECADES), tuple(self.creep_time * d for d in _DECADES))

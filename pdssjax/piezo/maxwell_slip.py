@@ -20,24 +20,19 @@ whose elements stand between charge and voltage.
 
 from collections.abc import Mapping
 
-import jax.numpy as jnp
-
-from ..core import Scalar, ScalarLike, quantities, quantity
-from ..drive.base import Segment, Voltage
-from ..integration import N, Term
-from ._oscillator import accelerated
-from .base import USUAL_SWING, AbstractPiezo, Shown, State, Terms, slew_sign
+from ..core import quantities, quantity
+from ._ceramic import Ceramic, Elements
+from ._dynamics import Modal
+from ._stack import AbstractStack, oscillator
+from .base import USUAL_SWING, Shown
 
 _COUNT = 4
 
-_ROUNDING = 1e-12
-"""Part of its threshold by which an element that slips may seem short of it."""
 
-
-class MaxwellSlip(AbstractPiezo):
+class MaxwellSlip(AbstractStack):
     """Displacement, velocity, voltage seen [V], s_1 … s_4 [V]; then flags: the sign of u', which elements slip."""
 
-    has_steady_state = False
+    closed_on_lines = True
 
     hysteretic = tuple(f"{word}_{j}" for word in ("share", "threshold") for j in range(1, 5))
 
@@ -81,78 +76,15 @@ class MaxwellSlip(AbstractPiezo):
             guess |= {name: nominal * shown.swing / USUAL_SWING for name, nominal in thresholds.items()}
         return guess
 
-    def initial(self) -> State:
-        zero = jnp.zeros(())
-        return (*(zero for _ in range(3 + _COUNT)), zero + 1.0, *(zero for _ in range(_COUNT)))
+    @property
+    def dynamics(self) -> Modal:
+        return oscillator(self.natural_frequency, self.damping_ratio, self.mass)
 
-    def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
-        _, w, _, _, _, slips = _parts(state)
-        slope = voltage.slope
-        stretches = (slope * (1.0 - slip) for slip in slips)
-        pushed = self.acceleration(state, voltage) + force * (1.0 / self.mass)
-        return (w, pushed, slope, *stretches, 0, *(0 for _ in range(_COUNT)))
-
-    def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
-        return state[0], state[1]
-
-    def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
-        y, w, _, stops, _, _ = _parts(state)
-        drives = voltage.level
-        for s, share in zip(stops, self._shares(), strict=True):
-            drives = drives - s * share
-        return accelerated(y, w, drives * self.gain, self.natural_frequency, self.damping_ratio)
-
-    def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
-        return state
-
-    def guards(self, state: Terms, voltage: Voltage[Term]) -> Terms:
-        _, _, seen, stops, rises, slips = _parts(state)
-        elements = zip(stops, slips, self._thresholds(), strict=True)
-        held = ((r - s * rises) * (1.0 - slip) + slip for s, slip, r in elements)
-        return (seen * 0.0 + voltage.slope * rises, *held)
-
-    def after_event(self, state: State, voltage: Voltage[Scalar], which: Scalar) -> State:
-        y, w, seen, stops, rises, slips = _parts(state)
-        turns = which == 0
-        slips = (jnp.where(turns, 0.0, jnp.where(which == i, 1.0, slip)) for i, slip in enumerate(slips, start=1))
-        return (y, w, seen, *stops, jnp.where(turns, -rises, rises), *slips)
-
-    def on_segment_start(self, state: State, segment: Segment) -> State:
-        y, w, seen, stops, rises, _ = _parts(state)
-        voltage = segment.voltage(0.0)
-        change = voltage.level - seen
-        rises = slew_sign(voltage, rises)
-        moved = []
-        for s, r in zip(stops, self._thresholds(), strict=True):
-            s = s + change
-            moved.append(jnp.where(s > r, r, jnp.where(s < -1.0 * r, -1.0 * r, s)))
-        elements = zip(moved, self._thresholds(), strict=True)
-        slips = (jnp.where(rises * s >= r * (1.0 - _ROUNDING), 1.0, 0.0) for s, r in elements)
-        return (y, w, voltage.level, *moved, rises, *slips)
-
-    def error_scale(self) -> State:
-        metre, volt = jnp.ones(()), self.static_gain()
-        return (
-            metre,
-            1.0 / self.frequency_scale(),
-            *(volt for _ in range(1 + _COUNT)),
-            *(metre for _ in range(1 + _COUNT)),
-        )
-
-    def static_gain(self) -> Scalar:
-        return jnp.asarray(self.gain, float)
-
-    def frequency_scale(self) -> Scalar:
-        return jnp.asarray(self.natural_frequency, float)
+    @property
+    def ceramic(self) -> Ceramic:
+        held = tuple(self.gain * share for share in self._shares())
+        thresholds = self.threshold_1, self.threshold_2, self.threshold_3, self.threshold_4
+        return Ceramic((self.gain - sum(held),), Elements(held, thresholds), (), ())
 
     def _shares(self) -> tuple[float, float, float, float]:
         return self.share_1, self.share_2, self.share_3, self.share_4
-
-    def _thresholds(self) -> tuple[float, float, float, float]:
-        return self.threshold_1, self.threshold_2, self.threshold_3, self.threshold_4
-
-
-def _parts(state: tuple[N, ...]) -> tuple[N, N, N, list[N], N, list[N]]:
-    """y, w, voltage seen, the stops, the sign of u', the flags of the elements."""
-    y, w, seen, *flags = state
-    return y, w, seen, flags[:_COUNT], flags[_COUNT], flags[_COUNT + 1 :]

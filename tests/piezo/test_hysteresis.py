@@ -113,12 +113,12 @@ def test_a_path_may_be_passed_in_one_jump_or_in_many(name):
 @pytest.mark.parametrize("h", [-2e-6, slow(-1e-8), slow(0.0), 9e-7])
 def test_bouc_and_wens_jump_follows_the_path(beta, gamma, change, h):
     piezo = BoucWen(alpha=0.3, beta=beta, gamma=gamma)
-    zero = jnp.zeros(())
-    begun = (zero, zero, jnp.asarray(h), zero + 20.0, zero + 1.0, zero + 1.0)
+    zero, volt = jnp.zeros(()), 0.3 * piezo.gain  # the state is h in volts
+    begun = (zero, zero, zero + 20.0, jnp.asarray(h / volt), zero + 1.0, zero + 1.0)
     at = Segment(jnp.asarray(1.0), jnp.asarray(20.0 + change), jnp.asarray(0.0))
     flow = lambda _, x: [0.3 * piezo.gain * change - beta * abs(change) * x[0] - gamma * change * abs(x[0])]
     path = solve_ivp(flow, (0.0, 1.0), [h], method="DOP853", rtol=1e-12, atol=1e-22, max_step=1e-3)
-    assert float(piezo.on_segment_start(begun, at)[2]) == pytest.approx(path.y[0, -1], rel=1e-5, abs=1e-13)
+    assert float(volt * piezo.on_segment_start(begun, at)[3]) == pytest.approx(path.y[0, -1], rel=1e-5, abs=1e-13)
 
 
 @pytest.mark.parametrize("h", [-0.4, 0.0, 0.7])
