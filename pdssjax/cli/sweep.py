@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from ..core import MOST_POINTS, MOST_WORKERS, InputError
 from .console import counter, say
 from .numbers import add_numbers, study_of
-from .option_values import SEED, read_whole, whole
+from .option_values import SEED, read_axis, read_range, read_whole, whole
 from .results import NOTHING_FOUND, add_out, keep_results, reserved, say_where
 from .sweep_border import add_border, check_alone, sweep_border
 
@@ -125,7 +125,6 @@ def _texts(study: "Study", options: argparse.Namespace) -> dict[str, str]:
 def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
     """The points that the options ask for."""
     from ..sweeps import Grid, LatinHypercube, Sobol, driven_record, sweepable, sweepable_choices
-    from .axis import read_axis, read_range
 
     base = driven_record(study, options.record)
     legal, words, texts = sweepable(study, base), sweepable_choices(base), _texts(study, options)

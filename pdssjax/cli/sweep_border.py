@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..core import InputError, nearest
 from .console import progress, say
+from .option_values import read_axis, read_number, read_range, read_whole, unit_of
 from .results import keep_results, say_where
 
 if TYPE_CHECKING:
@@ -24,8 +25,6 @@ def sweep_border(study: "Study", texts: Mapping[str, str], options: argparse.Nam
     from ..files import write_border
     from ..report.text import format_border
     from ..sweeps import METRICS, driven_record, find_border, sweepable, sweepable_choices
-    from .axis import read_axis, unit_of
-    from .option_values import read_number
 
     base = driven_record(study, options.record)
     legal, words = sweepable(study, base), sweepable_choices(base)
@@ -66,9 +65,6 @@ def check_alone(options: argparse.Namespace) -> None:
 
 def _along(path: str, texts: Mapping[str, str], legal: "Mapping[str, Quantity]") -> tuple[tuple[float, float], int]:
     """The ends [SI] of the range of `path`, and how many values of it are looked at first."""
-    from .axis import read_range
-    from .option_values import read_whole
-
     if path not in texts:
         raise InputError(f'option --border: found no range for "{path}", expected one such as --vary "{path}=FROM:TO".')
     low, _, high_and_count = texts[path].partition(":")
