@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core import MOST_STARTS, InputError, members
-from ..files import EXAMPLE
 from .console import progress, say
 from .numbers import add_check, add_solver, with_solver
 from .option_values import SEED, whole
@@ -53,7 +52,7 @@ def identify(options: argparse.Namespace) -> int:
 
 def _identify(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import holds_draws, starting_at_estimate
+    from ..files import EXAMPLE, holds_draws, starting_at_estimate
 
     prepare_jax(dedicated=True)
     import pdssjax
@@ -62,7 +61,7 @@ def _identify(options: argparse.Namespace) -> int:
 
     if options.method != "both":
         check_intervals(options.intervals, options.method)
-    study = with_solver(pdssjax.load_study(options.study), options)
+    study = with_solver(pdssjax.load_study(options.study or EXAMPLE / "study.toml"), options)
     if options.estimate is not None:
         study = starting_at_estimate(study, options.estimate)
     methods = _possible(study) if options.method == "both" else [options.method]
@@ -245,7 +244,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "study",
         nargs="?",
         type=Path,
-        default=EXAMPLE / "study.toml",
         metavar="STUDY",
         help="study file (TOML); left out: the packaged example",
     )

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ..core import Document, InputError, member
 from ..design import Knowledge, Limits, Resources, misfit_by_kind
-from .estimate_json import read_covariance, read_estimate
+from .estimate_results import read_covariance, read_estimate
 from .study_toml import read_toml
 from .toml_table import Table
 

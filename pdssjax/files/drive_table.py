@@ -16,8 +16,7 @@ from ..core import InputError, Quantity, choices, member, members, quantities, t
 from ..drive.base import AbstractDrive
 from ..drive.sampled import Sampled
 from ..metrics import flicker_of, smoothed
-from .layout_table import decimal_at, interval_at, name_at, scales_at
-from .record_columns import Layout, read_columns
+from .record_columns import Layout, decimal_at, interval_at, name_at, read_columns, scales_at
 from .toml_table import Table
 
 _EXPECTED = '"3 cycles", or of a sampled drive { cycles = 3, period = "1 s" } or a time such as "60 s"'

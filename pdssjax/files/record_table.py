@@ -12,8 +12,7 @@ from ..drive.base import AbstractDrive
 from ..metrics import decimated, fresh_samples
 from ..study import MARK, STEP_TIME, AbstractMeasurement, Record, check_increasing, check_meets_drive, split_path
 from .drive_table import conditioned, read_drive, rest_before
-from .layout_table import record_layout
-from .record_columns import Columns, Layout, read_columns
+from .record_columns import Columns, Layout, read_columns, record_layout
 from .toml_table import Table
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core import InputError
-from .prediction_results import write_numbers
+from .record_results import write_numbers
 from .results_folder import staging_folder
 
 if TYPE_CHECKING:
