@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from .estimate_results import (
         estimate_text as estimate_text,
         read_covariance as read_covariance,
-        read_estimate as read_estimate,
         starting_at_estimate as starting_at_estimate,
         with_estimate as with_estimate,
         write_comparison as write_comparison,

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from ...core import MICROMETRES, decimals_for, rounded, with_micro_sign
 from ...study import Record
-from ..redraw import Redraw, Score, drawn_samples, known_noise
+from ..live_record import Redraw, Score, drawn_samples, known_noise
 from .style import (
     BLUE,
     CUT,

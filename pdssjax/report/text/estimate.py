@@ -5,6 +5,7 @@ The order and the vocabulary follow lmfit's `fit_report`, which people in the fi
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -119,36 +120,69 @@ def _about_errors(estimate: Estimate, models: Sequence[str]) -> str:
     from ...inference import all_error_models
 
     lines = [note(f"{m.name.replace('-', ' ')}: covers {m.covers}.") for m in all_error_models() if m.name in models]
-    profiled = any(parameter.verdicts for parameter in estimate.parameters.values())
-    way = estimate.draws.kind if estimate.draws is not None else "profile likelihood" if profiled else ""
+    way = interval_way(estimate)
     which = f"+/-: {models[0]}; interval: by {way}" if way else f"+/- and interval: {models[0]}"
     return "".join(lines) + note(f"{which}. {estimate.error_advice.reason}")
 
 
-def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
+def interval_way(estimate: Estimate) -> str:
+    """The way in which intervals were found, in words; "" where they are those of the standard errors."""
+    if estimate.draws is not None:
+        return estimate.draws.kind
+    return "profile likelihood" if any(parameter.verdicts for parameter in estimate.parameters.values()) else ""
+
+
+class ParameterCells(NamedTuple):
+    """The numbers of a parameter as texts of a table, in the unit shown, with the digits that its error deserves."""
+
+    unit: str
+    value: str
+    error: str
+    """The standard error; "-" where it is not known, as the next ones."""
+    share: str
+    """The standard error in per cent of the value."""
+    low: str
+    high: str
+    """Ends of the 95 % interval."""
+    start: str
+    """Where the fit started."""
+
+    def interval(self, between: str) -> str:
+        """Both ends of the interval with a word or sign `between`; "" where neither is known."""
+        return "" if self.low == self.high == "-" else f"{self.low}{between}{self.high}"
+
+
+def parameter_cells(parameter: FittedParameter) -> ParameterCells:
+    """The numbers of a `parameter` as texts."""
     unit, factor = display_unit(parameter.unit)
     places = decimals_for(parameter.standard_error * factor)
     low, high = (rounded(end * factor, places) for end in parameter.interval)
-    start = None if parameter.start is None else f"{parameter.start * factor:.4g}"
+    return ParameterCells(
+        unit,
+        rounded(parameter.value * factor, places),
+        rounded(parameter.standard_error * factor, places),
+        percent(parameter.standard_error, parameter.value),
+        low,
+        high,
+        "-" if parameter.start is None else f"{parameter.start * factor:.4g}",
+    )
+
+
+def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
+    cells, naive = parameter_cells(parameter), parameter.naive_standard_error
     errors = [parameter.errors[model].standard_error for model in models if parameter.errors]
     shares = [percent(error, parameter.value) for error in errors or [parameter.standard_error] * max(len(models), 1)]
     return [
         parameter.path,
-        unit,
-        rounded(parameter.value * factor, places),
-        rounded(parameter.standard_error * factor, places),
+        cells.unit,
+        cells.value,
+        cells.error,
         *shares,
-        _naive(parameter),
-        "-" if low == high == "-" else f"{low} .. {high}",
-        start or "-",
+        "-" if naive is None else percent(naive, parameter.value),
+        cells.interval(" .. ") or "-",
+        cells.start,
         parameter.remark,
     ]
-
-
-def _naive(parameter: FittedParameter) -> str:
-    if parameter.naive_standard_error is None:
-        return "-"
-    return percent(parameter.naive_standard_error, parameter.value)
 
 
 def _correlations(estimate: Estimate) -> str:
@@ -167,32 +201,33 @@ _PARTS = 4
 
 def format_diagnosis(diagnosis: Diagnosis) -> str:
     """The worst and the best determined products of powers of parameters, with their relative standard errors."""
-    ranked = sorted(diagnosis.combinations, key=lambda found: -found.relative_error)
-    best = ranked[max(_MOST_PRODUCTS, len(ranked) - _MOST_PRODUCTS) :][::-1]
-    text = heading("Products that the data determine least") + _products(ranked[:_MOST_PRODUCTS])
-    if diagnosis.remedy is not None:
-        text += _advice(diagnosis.remedy)
+    least, best = ranked_products(diagnosis)
+    text = heading("Products that the data determine least") + aligned_table("<>", least)
+    if (remedy := diagnosis.remedy) is not None:
+        text += note(f"If {remedy.path} were known from elsewhere, errors would fall: {remedy_gains(remedy)}.")
     if best:
-        text += "\n" + heading("Products that the data determine best") + _products(best)
+        text += "\n" + heading("Products that the data determine best") + aligned_table("<>", best)
         text += note("Exponents are rounded and small ones left out; estimate.json has the exact ones.")
     return text
 
 
-def _products(found: Sequence[Combination]) -> str:
-    return aligned_table("<>", [[_product(each), f"{100 * each.relative_error:.2g} %"] for each in found])
+def ranked_products(diagnosis: Diagnosis, times: str = "  ") -> tuple[list[list[str]], list[list[str]]]:
+    """Rows of the products that are determined least, and of those that are best: each with its relative error."""
+    ranked = sorted(diagnosis.combinations, key=lambda found: -found.relative_error)
+    best = ranked[max(_MOST_PRODUCTS, len(ranked) - _MOST_PRODUCTS) :][::-1]
+    row = lambda each: [_product(each, times), f"{100 * each.relative_error:.2g} %"]
+    return list(map(row, ranked[:_MOST_PRODUCTS])), list(map(row, best))
 
 
-def _advice(remedy: Remedy) -> str:
-    """Name the one parameter whose separate measurement would help most."""
-    gains = ", ".join(f"{path} from {100 * a:.2g} to {100 * b:.2g} %" for path, (a, b) in remedy.errors.items())
-    return note(f"If {remedy.path} were known from elsewhere, errors would fall: {gains}.")
+def remedy_gains(remedy: Remedy) -> str:
+    """What errors would fall to if the one parameter whose separate measurement helps most were known."""
+    return ", ".join(f"{path} from {100 * a:.2g} to {100 * b:.2g} %" for path, (a, b) in remedy.errors.items())
 
 
-def _product(combination: Combination) -> str:
+def _product(combination: Combination, times: str) -> str:
     """Text of a combination, such as "friction.sigma1_b  friction.f_ss_b^-0.42"."""
-    parts = list(combination.exponents.items())
-    text = "  ".join(path if abs(e - 1.0) < 0.005 else f"{path}^{e:.2f}" for path, e in parts[:_PARTS])
-    return text if len(parts) <= _PARTS else f"{text}  ..."
+    parts = [path if abs(e - 1.0) < 0.005 else f"{path}^{e:.2f}" for path, e in combination.exponents.items()]
+    return times.join([*parts[:_PARTS], *["..."] * (len(parts) > _PARTS)])
 
 
 def format_amplification(amplification: Amplification) -> str:
