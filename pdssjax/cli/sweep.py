@@ -16,6 +16,7 @@ from .sweep_border import add_border, check_alone, sweep_border
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+    from contextlib import AbstractContextManager
 
     import xarray
 
@@ -220,16 +221,11 @@ def _kept_in(store: "SweepStore | None") -> Iterator[None]:
         raise _Unwritable(f"{store.place}: cannot be written ({error.strerror or error}){kept}.") from None
 
 
-@contextlib.contextmanager
-def _executor(address: str | None) -> "Iterator[tuple[Executor | None, int | None]]":
+def _executor(address: str | None) -> "AbstractContextManager[tuple[Executor | None, int | None]]":
     """The executor of the Dask scheduler at `address` and its number of threads; none without an address."""
-    if address is None:
-        yield None, None
-        return
     from ..sweeps import cluster_executor
 
-    with cluster_executor(address) as found:
-        yield found
+    return contextlib.nullcontext((None, None)) if address is None else cluster_executor(address)
 
 
 def _explain(

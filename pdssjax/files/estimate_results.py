@@ -6,7 +6,7 @@ A study gets values, starts or a covariance from an estimate.json; `estimate_fol
 import dataclasses
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,9 +15,9 @@ from jaxtyping import Float
 
 from ..core import Document, InputError, InputWarning, nearest
 from ..report.text import format_comparison, format_report
-from ..study import Draws, Estimate, Study
+from ..study import Draws, Estimate, FittedParameter, FittedRecord, Study
 from .draws_file import write_draws
-from .json_text import json_text
+from .json_text import Plain, json_text
 from .record_results import file_stems, write_records
 from .results_folder import staging_folder
 from .toml_table import Table
@@ -159,75 +159,47 @@ def estimate_text(estimate: Estimate) -> str:
 
 def estimate_document(estimate: Estimate) -> Document:
     """The content of `estimate.json`, in SI."""
-    parameters: Document = {}
-    for path, parameter in estimate.parameters.items():
-        parameters[path] = {
-            "value": parameter.value,
-            "standard_error": parameter.standard_error,
-            "interval": parameter.interval,
-            "degrees_of_freedom": parameter.degrees_of_freedom,
-            "unit": parameter.unit,
-            "free": parameter.free,
-            "start": parameter.start,
-            "at_bound": parameter.at_bound,
-            "bounds": parameter.bounds,
-            "interval_at_bound": parameter.interval_at_bound,
-            "informed": parameter.identifiable,
-        }
-        if parameter.verdicts is not None:
-            parameters[path]["interval_verdicts"] = parameter.verdicts
-        if parameter.measured_apart is not None:
-            parameters[path]["measured_apart"] = parameter.measured_apart._asdict()
-        if parameter.errors:
-            parameters[path]["errors"] = {name: error._asdict() for name, error in parameter.errors.items()}
-        if estimate.method != "joint":
-            parameters[path]["naive_standard_error"] = parameter.naive_standard_error
-    keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures".split()
-    keys += [
-        "largest_error",
-        "noise_estimated",
-        "noise_floor",
-        "chi2",
-        "reduced_chi2",
-        "frequency",
-        "excitation",
-        "file",
-    ]
+    plain = lambda names: {name: _plain(getattr(estimate, name)) for name in names.split()}
     return {
         "format": FORMAT,
-        "title": estimate.title,
-        "actuator": dict(estimate.actuator),
-        "method": estimate.method,
-        "loss": estimate.loss,
-        "effort": estimate.effort,
-        "solver": estimate.solver,
-        "minimiser": estimate.minimiser,
-        "converged": estimate.converged,
-        "explained": estimate.explained,
-        "unexplained_by": list(estimate.unexplained_by),
-        "message": estimate.message,
-        "parameters": parameters,
+        **plain("title actuator method loss effort solver minimiser converged explained unexplained_by message"),
+        "parameters": {path: _parameter_document(p, estimate.method) for path, p in estimate.parameters.items()},
         "correlation": {"names": estimate.names, "matrix": estimate.correlation},
         "covariance": {"names": estimate.names, "matrix": estimate.covariance},
         "covariances": {"names": estimate.names, **estimate.covariances},
-        "error_advice": None if estimate.error_advice is None else estimate.error_advice._asdict(),
-        "amplification": None if estimate.amplification is None else vars(estimate.amplification),
-        "diagnosis": None if estimate.diagnosis is None else dataclasses.asdict(estimate.diagnosis),
-        "profiles": [vars(profile) for profile in estimate.profiles],
-        "multistart": None if estimate.multistart is None else vars(estimate.multistart),
+        **plain("error_advice amplification diagnosis profiles multistart"),
         "draws": _draws_document(estimate.draws),
-        "records": [
-            {key: getattr(record, key) for key in keys}
-            | record.words
-            | {"outliers": record.time[record.outliers]}
-            | {"lack_of_fit": None if record.lack_of_fit is None else record.lack_of_fit._asdict()}
-            for record in estimate.records
-        ],
-        "statistics": vars(estimate.statistics),
-        "notes": estimate.notes,
-        "seconds": estimate.seconds,
-        "provenance": vars(estimate.provenance),
-    } | ({} if estimate.check is None else {"check": vars(estimate.check)})
+        "records": [_record_document(record) for record in estimate.records],
+        **plain("statistics notes seconds provenance"),
+        **({} if estimate.check is None else plain("check")),
+    }
+
+
+def _plain(value: Plain) -> Plain:
+    """A result's value with what its fields hold in place of each class of ours."""
+    if dataclasses.is_dataclass(value):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    elif isinstance(value, tuple) and hasattr(value, "_asdict"):
+        value = value._asdict()  # pyright: ignore[reportAttributeAccessIssue]
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
+
+
+def _parameter_document(parameter: FittedParameter, method: str) -> Document:
+    told: Document = _plain(parameter) | {"interval_at_bound": parameter.interval_at_bound}
+    told["informed"], told["interval_verdicts"] = told.pop("identifiable"), told.pop("verdicts")
+    left_out = {"path"} | {key for key in ("interval_verdicts", "measured_apart", "errors") if not told[key]}
+    if method == "joint":
+        left_out |= {"naive_standard_error"}
+    return {key: value for key, value in told.items() if key not in left_out}
+
+
+def _record_document(record: FittedRecord) -> Document:
+    keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures largest_error "
+    keys += "noise_estimated noise_floor chi2 reduced_chi2 frequency excitation file"
+    told: Document = {key: getattr(record, key) for key in keys.split()} | record.words
+    return told | {"outliers": record.time[record.outliers], "lack_of_fit": _plain(record.lack_of_fit)}
 
 
 def _draws_document(draws: Draws | None) -> Document | None:
@@ -237,7 +209,7 @@ def _draws_document(draws: Draws | None) -> Document | None:
     chains, each, _ = draws.values.shape
     keys = "kind description names failed failure seed".split()
     document = {key: getattr(draws, key) for key in keys} | {"chains": chains, "draws": each}
-    return document | {"parameters": {drawn.path: vars(drawn) for drawn in draws.parameters}}
+    return document | {"parameters": {drawn.path: _plain(drawn) for drawn in draws.parameters}}
 
 
 def write_estimate(estimate: Estimate, folder: Path) -> None:

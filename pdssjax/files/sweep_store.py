@@ -254,13 +254,12 @@ def _check_arrays(group: Group, columns: int, plan: BlockPlan) -> None:
     """
     for name, expected in _arrays(columns, plan).items():
         found = group[name]
-        is_long = len(found.shape) == len(expected.shape) and found.shape[0] >= expected.shape[0]
-        if str(found.dtype) != expected.dtype or not is_long or found.shape[1:] != expected.shape[1:]:
-            told = f"{found.dtype} of shape {found.shape} in place of {expected.dtype} of shape {expected.shape}"
-            raise ValueError(f"{name}: {told}")
         # What is in a chunk of its own can be lost, and be computed again, without the others.
-        if name not in ("values", "order") and found.chunks != expected.chunks:
-            raise ValueError(f"{name}: chunks of {found.chunks} in place of {expected.chunks}")
+        chunks = found.chunks if name in ("values", "order") else expected.chunks
+        same = (str(found.dtype), found.chunks, found.shape[1:]) == (expected.dtype, chunks, expected.shape[1:])
+        if not same or found.shape[0] < expected.shape[0]:
+            there = f"{found.dtype} of shape {found.shape} in chunks of {found.chunks}"
+            raise ValueError(f"{name}: {there} in place of {expected.dtype} of shape {expected.shape}")
 
 
 def _opened(place: Path) -> Group:
@@ -282,9 +281,9 @@ def _resumed(place: Path, group: Group, document: Document, plan: BlockPlan) -> 
     **Raises:** `InputError` that says what differs where the store is that of another sweep.
     """
     other = differences(document, group.attrs["job"])
-    points, lanes = (_whole_attribute(group, name) for name in ("points", "lanes"))
+    points = int(group.attrs["points"])
     # Begun on a machine with other devices, it goes on in the blocks that it has.
-    plan = dataclasses.replace(plan, lanes=lanes)
+    plan = dataclasses.replace(plan, lanes=group["found"].chunks[0])
     whole = None if other else extended(plan, np.asarray(group["values"][:points]))
     if whole is None:
         other = other or [f"{points} points, not all of them among these {len(plan.order)}"]
@@ -293,20 +292,9 @@ def _resumed(place: Path, group: Group, document: Document, plan: BlockPlan) -> 
             f"{place}: found the store of another sweep ({'; '.join(other[:3])}{more}); expected that of this one, "
             "another folder, or --overwrite."
         )
-    if "digest" not in group:
-        # Made by a version that kept none: its blocks are computed again.
-        group.create_array("digest", **_arrays(columns_of(document), whole)["digest"]._asdict())
     if len(whole.order) > points:
         _extend(group, whole, points)
     return whole
-
-
-def _whole_attribute(group: Group, name: str) -> int:
-    """An attribute that is a positive integer, of points also 0; **raises** `ValueError` where it is none."""
-    number: object = group.attrs[name]
-    if isinstance(number, bool) or not isinstance(number, int) or number < (name == "lanes"):
-        raise ValueError(f"{name} = {number!r:.40}")
-    return number
 
 
 def _extend(group: Group, plan: BlockPlan, points: int) -> None:
