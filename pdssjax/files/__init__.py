@@ -64,18 +64,16 @@ if TYPE_CHECKING:
     from .study_copy import save_study as save_study
     from .study_schema import schema_text as schema_text
     from .study_toml import load_study as load_study
-    from .sweep_results import (
-        check_store as check_store,
-        read_sweep as read_sweep,
-        write_border as write_border,
-        write_sweep as write_sweep,
-    )
     from .sweep_store import (
         SWEEP_STORE as SWEEP_STORE,
         SweepStore as SweepStore,
         bytes_needed as bytes_needed,
         check_room as check_room,
+        check_store as check_store,
         check_zarr as check_zarr,
+        read_sweep as read_sweep,
+        write_border as write_border,
+        write_sweep as write_sweep,
     )
 else:
     from ..core.lazy import lazy_exports

@@ -79,7 +79,7 @@ def _read(kind: Entry, entry: Entry, missing: float = math.nan) -> Entry:
     **Raises:** `KeyError`, `TypeError` or `ValueError` where it is not of that type.
     """
     inner = get_args(kind)
-    origin = get_origin(kind) or kind
+    origin: Entry = get_origin(kind) or kind
     if origin is types.UnionType and types.NoneType in inner:
         return None if entry is None else _read(inner[0], entry, missing)
     if origin is float:
@@ -106,7 +106,7 @@ def _missing(kind: Entry, key: str) -> float:
 def _numbers(entry: Entry, missing: float = math.nan) -> np.ndarray:
     """The array that a list, or a list of lists, holds, of the type of its entries; `missing` is for null."""
     found = np.array(entry, object)
-    absent = np.equal(found, None)
+    absent = np.array([value is None for value in found.ravel()], bool).reshape(found.shape)
     if absent.any() or not found.size:
         return np.where(absent, missing, found).astype(float)
     numbers = np.array(entry)

@@ -10,7 +10,7 @@ from bokeh.palettes import RdBu11
 from ...core import display_unit, with_micro_sign
 from ...report.text import parameter_cells
 from ...study import Estimate, FittedParameter, Profile
-from .style import BLUE, GREY, TABLE, VERMILION, Model, Widget, models, pane, plain_figure
+from .style import BLUE, GREY, TABLE, VERMILION, Model, Widget, models, pane, plain_figure, plain_legend
 
 _NOTHING = (
     "<p>No estimate yet: press <b>Fit from here</b>, or start with "
@@ -119,10 +119,7 @@ def _profile(curve: Profile, parameter: FittedParameter) -> Widget:
     plot.add_layout(models.Span(location=curve.threshold, dimension="width", line_color=VERMILION))
     plot.add_layout(models.Span(location=scale * parameter.value, dimension="height", line_color=GREY))
     plot.y_range.update(start=0.0, end=1.55 * curve.threshold)
-    plot.legend.label_text_font_size = "10px"
-    plot.legend.border_line_color = None
-    plot.legend.location = "top_center"
-    plot.legend.background_fill_alpha = 0.6
+    plain_legend(plot, "top_center")
     plot.xaxis.ticker.desired_num_ticks = 3
     return _sized(plot, 300, 230)
 
