@@ -79,7 +79,7 @@ def _read(kind: Entry, entry: Entry, missing: float = math.nan) -> Entry:
     **Raises:** `KeyError`, `TypeError` or `ValueError` where it is not of that type.
     """
     inner = get_args(kind)
-    origin: Entry = get_origin(kind) or kind
+    origin = get_origin(kind) or kind
     if origin is types.UnionType and types.NoneType in inner:
         return None if entry is None else _read(inner[0], entry, missing)
     if origin is float:
@@ -91,7 +91,7 @@ def _read(kind: Entry, entry: Entry, missing: float = math.nan) -> Entry:
         return tuple(_read(each, value, missing) for each, value in zip(kinds, entry, strict=True))
     if isinstance(entry, dict) and len(inner) == 2:
         return {key: _read(inner[1], value, missing) for key, value in entry.items()}
-    if isinstance(origin, type) and issubclass(origin, AbstractArray):
+    if isinstance(kind, type) and issubclass(kind, AbstractArray):
         return _numbers(entry, missing)
     if isinstance(entry, dict):
         kinds = get_type_hints(kind)
