@@ -30,30 +30,22 @@ def announce_warnings(show: Callable[..., None]) -> Callable[..., None]:
 
 
 def say(text: str, end: str = "\n") -> None:
-    """Print a result at once.
-
-    Letters that the console does not have are replaced.  Where nobody takes it (a closed pipe, a full disk), the
-    command goes on.
-    """
+    """Print a result at once.  Where nobody takes it (a closed pipe, a full disk), the command goes on."""
     try:
-        print(_shown_on(sys.stdout, text), end=end, flush=True)
+        print(text, end=end, flush=True)
     except OSError as error:
         _discard(sys.stdout)
         print(f"pdssjax: warning: cannot print any further ({error.strerror})", file=sys.stderr, flush=True)
 
 
-def _shown_on(stream: TextIO | None, text: str) -> str:
-    """`text` as a `stream` can show it: with "?" for letters that its encoding does not have."""
-    encoding, errors = getattr(stream, "encoding", None), getattr(stream, "errors", None)
-    if not encoding or errors not in (None, "strict"):
-        return text
-    return text.encode(encoding, "replace").decode(encoding)
+def replace_unknown_letters() -> None:
+    """Let standard output show "?" for letters that its encoding does not have, as standard error does anyway."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
 
 
 class LenientStream:
     """A stream that drops output silently when nobody takes it (a closed pipe, a full disk).
-
-    Letters that its encoding does not have are replaced.
 
     In place of `sys.stderr` it serves whoever writes there: commands, rich, warnings, libraries.
     """
@@ -64,7 +56,7 @@ class LenientStream:
 
     def write(self, text: str) -> int:
         try:
-            self._stream.write(_shown_on(self._stream, text))
+            self._stream.write(text)
         except OSError:
             _discard(self._stream)
         return len(text)

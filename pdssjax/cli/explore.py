@@ -26,10 +26,10 @@ def explore(options: argparse.Namespace) -> int:
     _check_installed()
     prepare_jax(dedicated=True)
     from ..explore import Workbench, serve, settings_of
-    from ..files import read_estimate, read_sweep
+    from ..files import read_estimate_folder, read_sweep
 
     study, numbered = _study(options)
-    estimate = None if options.estimate is None else read_estimate(options.estimate)
+    estimate = None if options.estimate is None else read_estimate_folder(options.estimate)
     sweep = None if options.sweep is None else read_sweep(options.sweep)
     bench = Workbench(study, settings_of(numbered), estimate, sweep)
     with progress() as tell:

@@ -2,33 +2,57 @@
 
 import argparse
 import contextlib
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core import MOST_STARTS, InputError, members
-from ..files import EXAMPLE
 from .console import progress, say
-from .drawing import DRAWN, add_drawing, check_drawing, more_of
 from .numbers import add_check, add_solver, with_solver
-from .option_values import whole
+from .option_values import SEED, whole
 from .results import NOT_WRITTEN, add_out, keep_results, reserved
 
 if TYPE_CHECKING:
-    from ..inference import Intervals, Method
+    from concurrent.futures import Executor
+    from typing import TypedDict
+
+    from ..inference import Drawing, Intervals, Method
     from ..study import Estimate, Study
-    from .drawing import More
+
+    class More(TypedDict, total=False):
+        """Arguments of `pdssjax.identify` that most runs do without."""
+
+        drawing: Drawing
+        starts: int
+        executor: Executor
+        effort: str
+        check_with: str
+
+
+DRAWN = "bootstrap", "posterior"
+
+
+_BELONGS_TO = {
+    "replicates": ("bootstrap",),
+    "resample": ("bootstrap",),
+    "draws": ("posterior",),
+    "sampler": ("posterior",),
+    "seed": DRAWN,
+    "resume": DRAWN,
+}
+"""The kinds of intervals that have each option."""
 
 
 def identify(options: argparse.Namespace) -> int:
-    check_drawing(options)
+    _check_drawing(options)
     with reserved(options, *(_SIDE_BY_SIDE if options.method == "both" else ())):
         return _identify(options)
 
 
 def _identify(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import holds_draws, starting_at_estimate
+    from ..files import EXAMPLE, holds_draws, starting_at_estimate
 
     prepare_jax(dedicated=True)
     import pdssjax
@@ -37,7 +61,7 @@ def _identify(options: argparse.Namespace) -> int:
 
     if options.method != "both":
         check_intervals(options.intervals, options.method)
-    study = with_solver(pdssjax.load_study(options.study), options)
+    study = with_solver(pdssjax.load_study(options.study or EXAMPLE / "study.toml"), options)
     if options.estimate is not None:
         study = starting_at_estimate(study, options.estimate)
     methods = _possible(study) if options.method == "both" else [options.method]
@@ -51,7 +75,7 @@ def _identify(options: argparse.Namespace) -> int:
         loss: str = options.loss if method == "joint" or len(methods) == 1 else "squares"
         # A run that was broken off in an earlier one of several ways has drawn nothing of those after it.
         resume = options.resume and (not estimates or holds_draws(folder))
-        more = more_of(options, intervals, folder, resume)
+        more = _more_of(options, intervals, folder, resume)
         found = _identified(study, method, intervals, loss, more, folder)
         estimates[method] = _noted(found, options, intervals, loss)
         written &= _report_and_keep(estimates[method], folder)
@@ -174,6 +198,45 @@ def _report_and_keep(estimate: "Estimate", folder: Path) -> bool:
         raise
 
 
+def _check_drawing(options: argparse.Namespace) -> None:
+    """**Raises** `InputError` where options ask for what the kind of intervals does not have."""
+    for name, kinds in _BELONGS_TO.items():
+        if getattr(options, name) not in (None, False) and options.intervals not in kinds:
+            raise InputError(
+                f"option --{name}: found with --intervals {options.intervals}, expected {' or '.join(kinds)}."
+            )
+
+
+def _more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path, resume: bool) -> "More":
+    """Keyword arguments of `identify` by the options: draws kept in `folder`, starts, cores, effort, check.
+
+    **Arguments:** whether to `resume` what `folder` holds.
+
+    **Raises:** `InputError` where there is nothing to resume.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    from ..files import DrawsFile
+    from ..inference import Drawing
+
+    more: More = {}
+    file = DrawsFile(folder, resume and intervals in DRAWN)
+    if not resume:
+        file.forget()
+    if intervals in DRAWN:
+        count = options.replicates if intervals == "bootstrap" else options.draws
+        more["drawing"] = Drawing(count, options.seed or 0, options.resample or "noise", file, options.sampler or "rto")
+    if options.starts:
+        more["starts"] = options.starts
+    if more or intervals == "profile":
+        more["executor"] = ThreadPoolExecutor(os.cpu_count())
+    if options.effort != "usual":
+        more["effort"] = options.effort
+    if options.check_with:
+        more["check_with"] = options.check_with
+    return more
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `identify`."""
     parser.set_defaults(run=identify)
@@ -181,7 +244,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "study",
         nargs="?",
         type=Path,
-        default=EXAMPLE / "study.toml",
         metavar="STUDY",
         help="study file (TOML); left out: the packaged example",
     )
@@ -219,5 +281,23 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--starts", type=whole(0, MOST_STARTS), default=0, metavar="N", help=text)
     add_solver(parser)
     add_check(parser)
-    add_drawing(parser)
+    _add_drawing(parser)
     add_out(parser)
+
+
+def _add_drawing(parser: argparse.ArgumentParser) -> None:
+    """Add the options of intervals by drawing."""
+    group = parser.add_argument_group("of --intervals bootstrap and posterior")
+    group.add_argument("--replicates", type=whole(2), metavar="N", help="fits of the bootstrap (default 1000)")
+    group.add_argument("--draws", type=whole(2), metavar="N", help="of each of the posterior's 4 chains (default 1000)")
+    text = (
+        "how the posterior is drawn: randomize-then-optimize (default), or, as a second opinion that takes several "
+        "times as long, the No-U-Turn sampler of NumPyro"
+    )
+    group.add_argument("--sampler", choices=["rto", "nuts"], help=text)
+    text = "of the random numbers (default 0); the same seed gives the same draws"
+    group.add_argument("--seed", type=SEED, metavar="N", help=text)
+    text = "the bootstrap draws white noise (default), or whole cycles of the residuals where a drive repeats"
+    group.add_argument("--resample", choices=["noise", "cycles"], help=text)
+    text = "go on with the draws that DIR holds of a run that was broken off, or with more of them"
+    group.add_argument("--resume", action="store_true", help=text)

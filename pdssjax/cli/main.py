@@ -11,14 +11,14 @@ import contextlib
 import importlib
 import os
 import shlex
+import signal
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
 from ..core import InputError, InputWarning, MiscompilationError, raise_gc_threshold
-from .console import LenientStream, announce_warnings, say
-from .signals import exit_status, requests_to_end
+from .console import LenientStream, announce_warnings, replace_unknown_letters, say
 
 COMMANDS = {
     "identify": "estimate an actuator's parameters, with uncertainties, from the records of a study",
@@ -43,6 +43,7 @@ COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; `arguments` default to the process's own."""
     raise_gc_threshold()
+    replace_unknown_letters()
     # Of every function that it reads from its cache, XLA logs 2 kB of errors that are none, on processors with AVX-512
     # (jax issue 38445).  What does go wrong raises.  Read when JAX is imported, so not by `prepare_jax`.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
@@ -54,7 +55,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.showwarning = announce_warnings(warnings.showwarning)
         try:
             given = sys.argv[1:] if arguments is None else list(arguments)
-            _check_values(given)
             options = _parser(given).parse_args(given)
             options.command_line = shlex.join(["pdssjax", *given])
             return options.run(options)
@@ -80,6 +80,43 @@ def run() -> int:
     return status
 
 
+class Terminated(KeyboardInterrupt):
+    """The process was asked to end."""
+
+
+@contextlib.contextmanager
+def requests_to_end() -> Iterator[list[int]]:
+    """Let SIGTERM and SIGHUP raise `Terminated` in the main thread, as SIGINT raises `KeyboardInterrupt`.
+
+    Does nothing outside the main thread, nor for a signal that has a handler or is ignored (`nohup`).
+
+    **Returns:** the numbers of the signals that came, a list that grows with them.
+    """
+    received: list[int] = []
+
+    def end(signum: int, frame: object) -> None:
+        received.append(signum)
+        raise Terminated(signal.Signals(signum).name)
+
+    signals = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    ours: list[int] = []
+    try:
+        with contextlib.suppress(ValueError):  # outside the main thread; to ask whether it is loads `threading`
+            for number in signals:
+                if signal.getsignal(number) is signal.SIG_DFL:
+                    signal.signal(number, end)
+                    ours.append(number)
+        yield received
+    finally:
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def exit_status(received: Sequence[int]) -> int:
+    """128 and the number of the first signal `received`, as shells count: 143 for SIGTERM, 130 for none but Ctrl-C."""
+    return 128 + (received[0] if received else signal.SIGINT)
+
+
 _LONGEST = 2000
 """Characters of a message."""
 
@@ -93,42 +130,9 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(told if told.endswith(".") else f"{told} (see {self.prog} --help)")
 
 
-def _check_values(given: Sequence[str]) -> None:
-    """**Raises** `InputError` for an option with "--" as its value, which argparse takes away without a look.
-
-    So it does for a NUL, which no name of a file has.
-    """
-    for argument in given:
-        if "\0" in argument:
-            raise InputError(f"argument {argument!r:.80}: found a NUL character, expected none.")
-        if argument == "--":
-            return
-        name, equals, value = argument.partition("=")
-        if name.startswith("--") and equals and value == "--":
-            raise InputError(f'option {name}: found "--", expected a value.')
-
-
 def _cut(message: str) -> str:
     """Shorten a `message` that is longer than any name of a file or a column, in its middle."""
     return message if len(message) <= _LONGEST else f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
-
-
-class _Help(argparse.HelpFormatter):
-    """A help formatter as wide as the terminal; the default one loads `shutil` to ask for that."""
-
-    def __init__(self, prog: str) -> None:
-        super().__init__(prog, width=_columns() - 2)
-
-
-def _columns() -> int:
-    """Width of the terminal in characters: the environment's `COLUMNS`, else the terminal's own, else 80."""
-    told = os.environ.get("COLUMNS", "")
-    if told.isdecimal() and int(told):
-        return int(told)
-    try:
-        return os.get_terminal_size(sys.__stdout__.fileno()).columns or 80  # pyright: ignore[reportOptionalMemberAccess]
-    except (AttributeError, ValueError, OSError):
-        return 80
 
 
 class _Version(argparse.Action):
@@ -146,7 +150,6 @@ def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
     asked = list(COMMANDS) if given is None else [name for name in given[:1] if name in COMMANDS]
     parser = _Parser(
         prog="pdssjax",
-        formatter_class=_Help,
         description="Models and identifies piezoelectric stick-slip actuators.",
         epilog="Exit status: 0 success; 2 invalid input, or a JAX that computes wrongly; 3 a fit did not converge or "
         "does not explain its records (its result is written), or no model, sweep point or record could be computed; "
@@ -157,7 +160,7 @@ def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
     subcommands = parser.add_subparsers(required=True, metavar="COMMAND", prog=parser.prog)
     for name in asked or COMMANDS:
         text = COMMANDS[name]
-        command = subcommands.add_parser(name, help=text, description=text, formatter_class=_Help)
+        command = subcommands.add_parser(name, help=text, description=text)
         if asked:
             importlib.import_module(f"{__package__}.{name}").add_options(command)
     return parser

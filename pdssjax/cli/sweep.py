@@ -3,30 +3,37 @@
 import argparse
 import contextlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core import MOST_POINTS, MOST_WORKERS, InputError
-from .console import counter, say
+from ..core import MOST_POINTS, MOST_WORKERS, InputError, nearest
+from .console import counter, progress, say
 from .numbers import add_numbers, study_of
-from .option_values import SEED, read_whole, whole
+from .option_values import SEED, read_axis, read_number, read_range, read_whole, unit_of, whole
 from .results import NOTHING_FOUND, add_out, keep_results, reserved, say_where
-from .sweep_border import add_border, check_alone, sweep_border
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+    from contextlib import AbstractContextManager
 
     import xarray
 
+    from ..core import Quantity
     from ..files import SweepStore
     from ..study import Study
     from ..sweeps import AbstractPoints
 
+_COARSE = 9
+"""Values of the axis that are looked at first where its range has no count."""
+
+_WITHOUT = ("sample", "bands", "metrics", "derivatives", "scheduler", "resume", "explain")
+"""Options that say nothing to a border."""
+
 
 def sweep(options: argparse.Namespace) -> int:
     if options.border is not None:
-        check_alone(options)
+        _check_alone(options)
     with contextlib.nullcontext() if options.explain else reserved(options):
         return _sweep(options)
 
@@ -46,7 +53,7 @@ def _sweep(options: argparse.Namespace) -> int:
     whole = study_of(options)
     study = whole.as_in(driven_record(whole, options.record))
     if options.border is not None:
-        return sweep_border(study, _texts(study, options), options)
+        return _sweep_border(study, _texts(study, options), options)
     points, errors = _points(study, options), ""
     if options.bands is not None:
         points, errors = _about_the_estimate(whole, points, options)
@@ -125,7 +132,6 @@ def _texts(study: "Study", options: argparse.Namespace) -> dict[str, str]:
 def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
     """The points that the options ask for."""
     from ..sweeps import Grid, LatinHypercube, Sobol, driven_record, sweepable, sweepable_choices
-    from .axis import read_axis, read_range
 
     base = driven_record(study, options.record)
     legal, words, texts = sweepable(study, base), sweepable_choices(base), _texts(study, options)
@@ -221,16 +227,11 @@ def _kept_in(store: "SweepStore | None") -> Iterator[None]:
         raise _Unwritable(f"{store.place}: cannot be written ({error.strerror or error}){kept}.") from None
 
 
-@contextlib.contextmanager
-def _executor(address: str | None) -> "Iterator[tuple[Executor | None, int | None]]":
+def _executor(address: str | None) -> "AbstractContextManager[tuple[Executor | None, int | None]]":
     """The executor of the Dask scheduler at `address` and its number of threads; none without an address."""
-    if address is None:
-        yield None, None
-        return
     from ..sweeps import cluster_executor
 
-    with cluster_executor(address) as found:
-        yield found
+    return contextlib.nullcontext((None, None)) if address is None else cluster_executor(address)
 
 
 def _explain(
@@ -257,6 +258,67 @@ def _axis(text: str) -> tuple[str, str]:
             f'option --vary: found "{text}", expected a path and a range such as "drive.fall_time=0 ms:2 ms:20".'
         )
     return path.strip(), values
+
+
+def _sweep_border(study: "Study", texts: Mapping[str, str], options: argparse.Namespace) -> int:
+    """Find the border, write it and print it; `texts` are the axes as they were written, by path."""
+    from ..files import write_border
+    from ..report.text import format_border
+    from ..sweeps import METRICS, driven_record, find_border, sweepable, sweepable_choices
+
+    base = driven_record(study, options.record)
+    legal, words = sweepable(study, base), sweepable_choices(base)
+    path, tolerance = _named_number("--border", options.border, "drive.voltage=0.2 V")
+    metric, level = _named_number("--border-at", options.border_at, "efficiency=0.01")
+    if metric not in METRICS:
+        raise InputError(f'option --border-at: found the unknown metric "{metric}"; {nearest(metric, METRICS)}')
+    ends, coarse = _along(path, texts, legal)
+    over = {other: read_axis(other, text, legal, words) for other, text in texts.items() if other != path}
+    near = read_number(tolerance, unit_of(path, legal), "option --border", above=0.0)
+    passed = read_number(level, METRICS[metric].unit.replace("1", ""), "option --border-at")
+    with progress() as tell:
+        tell(f"looking for the border along {path}")
+        data = find_border(
+            study,
+            path,
+            ends,
+            over,
+            tolerance=near,
+            metric=metric,
+            level=passed,
+            coarse=coarse,
+            record=options.record,
+            cycles=options.cycles,
+            workers=options.workers,
+        )
+    written = keep_results(lambda place: write_border(data, place, options.store), options.out)
+    say(format_border(data), end="")
+    return say_where(written, f"Results are in {options.out}")
+
+
+def _check_alone(options: argparse.Namespace) -> None:
+    """**Raises** `InputError` for options that do not go with --border."""
+    for name in _WITHOUT:
+        if getattr(options, name) not in (None, "", False):
+            raise InputError(f"option --border: found with --{name}, expected without: it is looked for by halving.")
+
+
+def _along(path: str, texts: Mapping[str, str], legal: "Mapping[str, Quantity]") -> tuple[tuple[float, float], int]:
+    """The ends [SI] of the range of `path`, and how many values of it are looked at first."""
+    if path not in texts:
+        raise InputError(f'option --border: found no range for "{path}", expected one such as --vary "{path}=FROM:TO".')
+    low, _, high_and_count = texts[path].partition(":")
+    high, colon, count = high_and_count.partition(":")
+    where = f'sweep: path "{path}": "{texts[path]}" as FROM:TO or FROM:TO:COUNT: COUNT'
+    number = read_whole(count.strip(), where, 2) if colon else _COARSE
+    return read_range(path, f"{low}:{high}" if high else low, legal), number
+
+
+def _named_number(option: str, text: str, example: str) -> tuple[str, str]:
+    name, equals, number = text.partition("=")
+    if not equals or not number.strip():
+        raise InputError(f'option {option}: found "{text}", expected a name and a number such as "{example}".')
+    return name.strip(), number.strip()
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -300,7 +362,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='the cycle that is measured (default 4), or "steady": that after the transient',
     )
     _add_further(parser)
-    add_border(parser)
+    _add_border(parser)
     parser.add_argument("--store", choices=["netcdf", "zarr"], default="netcdf", help="format (default netcdf)")
     parser.add_argument(
         "--workers", type=whole(1, MOST_WORKERS), metavar="N", help="threads on this machine (default: one a core)"
@@ -331,4 +393,20 @@ def _add_further(parser: argparse.ArgumentParser) -> None:
         metavar="PATHS",
         help="derivatives of all metrics that are smooth, by parameters and quantities of the drive with commas "
         "between them (default: by every parameter of the study)",
+    )
+
+
+def _add_border(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the border."""
+    parser.add_argument(
+        "--border",
+        metavar="PATH=TOLERANCE",
+        help='in place of a map find by halving where the dead zone ends along an axis, such as "drive.voltage=0.2 V"; '
+        "its range is FROM:TO, or FROM:TO:COUNT with so many values to look at first (default 9)",
+    )
+    parser.add_argument(
+        "--border-at",
+        default="efficiency=0.01",
+        metavar="METRIC=LEVEL",
+        help='what is passed at the border (default "efficiency=0.01": the dead zone); "speed=0": the motion reverses',
     )

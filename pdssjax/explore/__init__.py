@@ -1,14 +1,14 @@
 """The page of `pdssjax explore`, on which the numbers of a study are changed and their effect is seen at once.
 
-What it shows is computed without a browser: the numbers and their sliders (`settings`, `knobs`), the record predicted
-at these numbers (`live_record`, `redraw`), fits and sweeps in threads.  `widgets` has the page itself, the only home of
+What it shows is computed without a browser: the numbers and their sliders (`settings`), the record predicted at these
+numbers (`live_record`), fits and sweeps in threads.  `widgets` has the page itself, the only home of
 Panel and Bokeh.  Imports `files` and the rooms below it.
 """
 
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .redraw import initial_stretch as initial_stretch, instants_of as instants_of
+    from .live_record import initial_stretch as initial_stretch, instants_of as instants_of
     from .settings import settings_of as settings_of
     from .widgets.server import serve as serve
     from .workbench import Workbench as Workbench

@@ -1,11 +1,185 @@
-"""The numbers of all sliders, and the study at these numbers."""
+"""The numbers that can be changed on the page: their sliders, all of them at once, and the study at these numbers.
+
+They are all parameters of a study, and all numbers of the drive of the record that is shown.
+"""
 
 import dataclasses
+import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
-from ..core import choices
-from ..study import Record, Study
-from .knobs import drive_numbers, inner_drive
+from ..core import InputError, Quantity, check_range, choices, display_unit, to_si, with_micro_sign
+from ..drive.base import AbstractDrive
+from ..study import MARK, Record, Study, shared_fields
+
+POSITIONS = 1000
+"""Steps of a slider from end to end; an arrow key moves it by one."""
+
+DECADES = 10.0
+"""Factor either way that a slider of a positive number covers, where nothing bounds it."""
+
+_SPANS = {"s": 2e-3, "N": 1.0, "rad": 0.1, "m": 1e-5, "V": 100.0}
+"""Range of a slider whose number is zero, by its unit."""
+
+
+class SliderRange(NamedTuple):
+    """The ends of a slider [SI], and how numbers lie between them."""
+
+    low: float
+    high: float
+    logarithmic: bool
+
+    def position(self, number: float) -> int:
+        """The position of `number` [SI], from 0 to `POSITIONS`; a number outside the range is at the nearest end."""
+        low, high, at = (math.log(x) if self.logarithmic else x for x in (self.low, self.high, self._within(number)))
+        return round(POSITIONS * (at - low) / (high - low))
+
+    def number(self, position: int) -> float:
+        """The number [SI] at a `position`, rounded to the resolution of a step."""
+        part = position / POSITIONS
+        if self.logarithmic:
+            return self._within(float(f"{self.low * (self.high / self.low) ** part:.4g}"))
+        step = (self.high - self.low) / POSITIONS
+        return round((self.low + part * (self.high - self.low)) / step) * step if step else self.low
+
+    def widened(self, number: float, quantity: Quantity) -> "SliderRange":
+        """The range, extended within legal ends where `number` [SI] lies outside it."""
+        if self.low <= number <= self.high:
+            return self
+        ends = (
+            (number / 3.0, number * 3.0) if self.logarithmic else (number - abs(number) / 2, number + abs(number) / 2)
+        )
+        legal = max(ends[0], quantity.low), min(ends[1], max(number, _below(quantity.high)))
+        return self._replace(low=min(self.low, legal[0]), high=max(self.high, legal[1]))
+
+    def _within(self, number: float) -> float:
+        return min(max(number, self.low), self.high)
+
+
+def slider_range(quantity: Quantity, number: float, low: float | None = None, high: float | None = None) -> SliderRange:
+    """The range of a slider that starts at `number` [SI].
+
+    Its ends are `low` and `high` [SI], the bounds of the study, where these are given.  Otherwise a positive quantity
+    has a logarithmic slider with a factor `DECADES` either way, and any other a linear one to twice the number.
+    """
+    if quantity.positive:
+        ends = (number / DECADES if low is None else low), (number * DECADES if high is None else high)
+        lowest = ends[0] if ends[0] > 0 else number / DECADES**2
+        return SliderRange(lowest, min(ends[1], max(number, _below(quantity.high))), True)
+    span = 2.0 * abs(number) or _SPANS.get(quantity.unit, 1.0)
+    begin = (0.0 if number > 0 else -span) if low is None else low
+    end = (0.0 if number < 0 else span) if high is None else high
+    return SliderRange(max(begin, quantity.low), min(end, _below(quantity.high)), False)
+
+
+def _below(high: float) -> float:
+    """A legal number just below the end `high`, which is not legal itself."""
+    return high * (1.0 - 1e-6) if math.isfinite(high) else high
+
+
+_SMALLEST, _LARGEST = 1e-30, 1e30
+"""Sizes of a number [SI] other than zero: beyond those of any actuator, and well within those of floats."""
+
+
+class Knob(NamedTuple):
+    """A number that has a slider."""
+
+    path: str
+    """The name of a parameter, such as "piezo.gain", or of a number of the drive, such as "drive.voltage"."""
+    quantity: Quantity
+    range: SliderRange
+    free: bool
+    """Whether a fit changes it."""
+    parameter: bool
+    """Whether it belongs to the study, or else to the drive of one record."""
+
+    @property
+    def unit(self) -> str:
+        """The unit on the page, such as "µm/V"; "" for a pure number."""
+        return with_micro_sign(display_unit(self.quantity.unit)[0])
+
+    def text(self, number: float) -> str:
+        """`number` [SI] as a text in the unit of the page."""
+        return f"{number * display_unit(self.quantity.unit)[1]:.6g}"
+
+    def read(self, text: str) -> float:
+        """The number [SI] in a `text`: in the unit of the page, or with a unit of its own ("200 Hz").
+
+        **Raises:** `InputError` where the text is no number, or the number is not legal.
+        """
+        text = text.strip().replace("µ", "u")
+        shown, factor = display_unit(self.quantity.unit)
+        try:
+            number, text = float(text) / factor, f"{text} {shown}"
+        except ValueError:
+            number = to_si(text, self.quantity.unit, self.path, shown)
+        if number and not _SMALLEST <= abs(number) <= _LARGEST:
+            found = f"{self.path}: found {number:g} {self.quantity.unit}".rstrip()
+            raise InputError(f"{found}, expected 0 or a size between {_SMALLEST:g} and {_LARGEST:g}.")
+        check_range(number, self.quantity, self.path, text)
+        return number
+
+
+class Choice(NamedTuple):
+    """A field of a drive whose value is one of a few words."""
+
+    path: str
+    words: dict[str, float]
+    """The number that stands for each word."""
+
+
+def parameter_knobs(study: Study) -> list[Knob]:
+    """Knobs of all parameters, in the order of the study.
+
+    **Raises:** `InputError` that names the parameters without a number.
+    """
+    return [_of_parameter(study, path, number) for path, number in study.values().items()]
+
+
+def _of_parameter(study: Study, path: str, number: float) -> Knob:
+    parameter = study.parameters[path]
+    found = slider_range(parameter.quantity, number, parameter.low, parameter.high)
+    return Knob(path, parameter.quantity, found, parameter.free, True)
+
+
+def drive_knobs(study: Study, record: Record) -> list[Knob]:
+    """Knobs of the numbers of the record's drive that are no parameters of the study; none without a drive."""
+    if record.drive is None:
+        return []
+    shared = {field for field, path in shared_fields(record).items() if path in study.parameters}
+    numbers = record.drive.numbers()
+    return [
+        Knob(f"drive.{field}", declared, slider_range(declared, float(numbers[field])), False, False)
+        for field, declared in record.drive.declared().items()
+        if field not in shared
+    ]
+
+
+def drive_choices(record: Record) -> list[Choice]:
+    """The choices of the record's drive, such as its direction."""
+    if record.drive is None:
+        return []
+    return [Choice(f"drive.{field}", words) for field, words in choices(type(inner_drive(record.drive))).items()]
+
+
+def inner_drive(drive: AbstractDrive) -> AbstractDrive:
+    """The waveform inside a zero-order hold, or the drive itself."""
+    inside = getattr(drive, "drive", None)
+    return inside if isinstance(inside, AbstractDrive) else drive
+
+
+def drive_numbers(record: Record) -> dict[str, float]:
+    """The numbers [SI] of the record's drive by path, including those that stand for words."""
+    if record.drive is None:
+        return {}
+    drive = inner_drive(record.drive)
+    named = [field.name for field in dataclasses.fields(drive) if {"quantity", "choice"} & set(field.metadata)]
+    return {f"drive.{name}": float(getattr(drive, name)) for name in named}
+
+
+def group_of(path: str) -> str:
+    """The heading of a parameter on the page, which is its model's, such as "friction"."""
+    return path.partition(MARK)[0].partition(".")[0]
 
 
 @dataclasses.dataclass(frozen=True)

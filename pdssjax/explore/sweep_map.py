@@ -13,9 +13,8 @@ from ..core import InputError, display_unit, with_micro_sign
 from ..study import Record, Study
 from ..sweeps import Grid, driven_record, sweep
 from .background_job import Report
-from .knobs import inner_drive
 from .live_record import LiveRecord
-from .settings import Settings, study_at
+from .settings import Settings, inner_drive, study_at
 
 if TYPE_CHECKING:
     import xarray

@@ -5,15 +5,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..core import Document, choices
+from ..core import choices
 from ..files import save_study
 from ..inference import FitInterrupted, identify
 from ..study import Estimate, Record, Study
 from .background_job import Report
-from .knobs import inner_drive
-from .live_record import LiveRecords
-from .redraw import initial_stretch, instants_of
-from .settings import Settings, changed_drives, to_be_fitted
+from .live_record import LiveRecords, initial_stretch, instants_of
+from .settings import Settings, changed_drives, inner_drive, to_be_fitted
 
 if TYPE_CHECKING:
     import xarray
@@ -56,8 +54,8 @@ class Workbench:
     """The study, with a number for every parameter; those that its file leaves free are free."""
     begun: Settings
     """The numbers with which the page begins."""
-    estimate: Document | None = None
-    """The content of an estimate.json."""
+    estimate: Estimate | None = None
+    """The estimate that the page shows first."""
     sweep: "xarray.Dataset | None" = None
     records: LiveRecords = field(init=False)
 

@@ -20,22 +20,21 @@ if TYPE_CHECKING:
         read_design as read_design,
         read_knowledge as read_knowledge,
     )
-    from .draws_file import DrawsFile as DrawsFile, holds_draws as holds_draws
-    from .draws_results import read_draws as read_draws
-    from .estimate_folder import read_estimate_folder as read_estimate_folder
-    from .estimate_json import (
-        estimate_text as estimate_text,
-        read_covariance as read_covariance,
-        read_estimate as read_estimate,
-        starting_at_estimate as starting_at_estimate,
-        with_estimate as with_estimate,
+    from .draws_file import DrawsFile as DrawsFile, holds_draws as holds_draws, read_draws as read_draws
+    from .estimate_folder import (
+        own_page as own_page,
+        read_estimate_folder as read_estimate_folder,
+        read_page as read_page,
     )
     from .estimate_results import (
+        estimate_text as estimate_text,
+        read_covariance as read_covariance,
+        starting_at_estimate as starting_at_estimate,
+        with_estimate as with_estimate,
         write_comparison as write_comparison,
         write_essentials as write_essentials,
         write_estimate as write_estimate,
     )
-    from .example import EXAMPLE as EXAMPLE, copy_example as copy_example
     from .friction_study import (
         FrictionFile as FrictionFile,
         friction_file as friction_file,
@@ -49,30 +48,32 @@ if TYPE_CHECKING:
         write_plan as write_plan,
         write_rehearsal as write_rehearsal,
     )
-    from .prediction_results import write_predictions as write_predictions
-    from .recording_results import check_recordings as check_recordings, write_recordings as write_recordings
+    from .record_results import (
+        check_recordings as check_recordings,
+        write_predictions as write_predictions,
+        write_recordings as write_recordings,
+    )
     from .results_folder import (
+        EXAMPLE as EXAMPLE,
         check_empty as check_empty,
         check_free as check_free,
+        copy_example as copy_example,
         reserved_folder as reserved_folder,
         write_aside as write_aside,
     )
-    from .results_page import own_page as own_page, read_page as read_page
     from .study_copy import save_study as save_study
     from .study_schema import schema_text as schema_text
     from .study_toml import load_study as load_study
-    from .sweep_results import (
-        check_store as check_store,
-        read_sweep as read_sweep,
-        write_border as write_border,
-        write_sweep as write_sweep,
-    )
     from .sweep_store import (
         SWEEP_STORE as SWEEP_STORE,
         SweepStore as SweepStore,
         bytes_needed as bytes_needed,
         check_room as check_room,
+        check_store as check_store,
         check_zarr as check_zarr,
+        read_sweep as read_sweep,
+        write_border as write_border,
+        write_sweep as write_sweep,
     )
 else:
     from ..core.lazy import lazy_exports

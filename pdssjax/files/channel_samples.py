@@ -14,8 +14,7 @@ from jaxtyping import Float, Int
 from ..core import InputError, member, members, nearest
 from ..metrics import ChannelSummary
 from ..study import check_increasing
-from .readers._errors import refusing
-from .readers.base import AbstractReader, AbstractSource, Block, Channel
+from .readers.base import AbstractReader, AbstractSource, Block, Channel, refusing
 from .reading_process import Pairs, answers
 
 _FAMILY = "files.readers"

@@ -12,9 +12,9 @@ from ..core import InputError, display_unit
 from ..metrics import SI_UNITS, Characterisation, characterisation_of
 from .channel_samples import list_channels, open_file
 from .json_text import json_text
-from .prediction_results import file_stems
 from .readers.base import Channel
 from .record_columns import Layout, read_columns
+from .record_results import file_stems
 from .results_folder import staging_folder
 
 _CLOCKS = ("t", "s", "in s", "second", "seconds", "x-axis", "zeit", "source")

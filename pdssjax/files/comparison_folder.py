@@ -19,9 +19,8 @@ from ..report.text import format_selection
 from ..selection import EFFORT, Candidate, Comparison, FittedCandidate, compare_models
 from ..study import Estimate, Study
 from .estimate_results import write_essentials
-from .file_lock import UNFINISHED
 from .json_text import json_text
-from .results_folder import CANDIDATES, reserved_folder, staging_folder
+from .results_folder import CANDIDATES, reserved_folder, staging_folder, write_whole
 
 FORMAT, CANDIDATE_FORMAT = "pdssjax-comparison/1", "pdssjax-candidate/1"
 
@@ -134,15 +133,13 @@ _ARRAYS = "residuals", "held_out"
 
 
 def _write(file: Path, digest: str, fitted: FittedCandidate) -> None:
-    """Write a candidate beside its place and rename, so that the file is whole at any moment."""
+    """Write a candidate into its file."""
     plain = {f.name: getattr(fitted, f.name) for f in dataclasses.fields(fitted) if f.name not in _ARRAYS}
     document = json.dumps({"format": CANDIDATE_FORMAT, "digest": digest, **plain}, default=_plain)
     arrays = {f"{name}_{k}": array for name in _ARRAYS for k, array in enumerate(getattr(fitted, name))}
     content = io.BytesIO()
     np.savez(content, document=np.array(document), **arrays)
-    beside = file.with_name(f"{UNFINISHED}{file.name}")
-    beside.write_bytes(content.getvalue())
-    beside.replace(file)
+    write_whole(file, content.getvalue())
 
 
 def _plain(value: object) -> object:

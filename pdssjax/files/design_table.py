@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ..core import Document, InputError, member
 from ..design import Knowledge, Limits, Resources, misfit_by_kind
-from .estimate_json import read_covariance, read_estimate
+from .estimate_results import read_covariance, read_estimate
 from .study_toml import read_toml
 from .toml_table import Table
 
@@ -81,17 +81,9 @@ def _number(text: str) -> float | int | str:
 def _budget(table: Table) -> Resources:
     spent = table.table("budget", "a table such as { samples = 2000, records = 4 }")
     spent.only(BUDGET_KEYS)
-    whole = lambda key: _whole(spent, key)
-    rest = {key: spent.number(key, unit) for key, unit in (("seconds", "s"), ("cost", "")) if key in spent.entries}
-    return Resources(samples=whole("samples"), records=whole("records"), **rest)
-
-
-def _whole(table: Table, key: str) -> int:
     expected = "a whole number above 0, as in --budget samples=2000 records=4"
-    found = table.get(key, object, expected)
-    if isinstance(found, bool) or not isinstance(found, int) or found < 1:
-        raise InputError(f"{table.at(key)}: found {found}, expected {expected}.")
-    return found
+    rest = {key: spent.number(key, unit) for key, unit in (("seconds", "s"), ("cost", "")) if key in spent.entries}
+    return Resources(samples=spent.whole("samples", expected), records=spent.whole("records", expected), **rest)
 
 
 def _limits(table: Table) -> Limits:

@@ -1,28 +1,35 @@
-"""Keeps the draws of a bootstrap or a posterior in a file, line by line, so that a run that is broken off goes on.
+"""Draws of a bootstrap or a posterior on the disk: line by line while a run makes them, and all of them as its result.
 
-The first line says of what the draws are, each line after it holds one entry as JSON; numbers are written in full, and
-null where they are not finite.  Each line ends with a digest: that of the first line is the run's, of study, settings
-and fit; that of an entry is of the run and the entry, so that what was damaged, or came from another run, does not
-match and is drawn again.
+While it draws, a run keeps each draw as a line of a file, so that it goes on where it is broken off.  The first line
+says of what the draws are, each line after it holds one entry as JSON; numbers are written in full, and null where they
+are not finite.  Each line ends with a digest: that of the first line is the run's, of study, settings and fit; that of
+an entry is of the run and the entry, so that what was damaged, or came from another run, does not match and is drawn
+again.
+
+The result is in SI.  A posterior goes to posterior.nc, in the groups that ArviZ expects:
+`arviz.from_netcdf("posterior.nc")` opens it, as `xarray.open_datatree` does.  A bootstrap goes to bootstrap.csv, a
+column a parameter.
 """
 
 import contextlib
 import hashlib
+import importlib.util
 import json
 import os
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn, TextIO
+
+import numpy as np
+from jaxtyping import Float
 
 from ..core import Document, InputError, InputWarning
-from .file_lock import UNFINISHED
+from ..study import Draws
 from .json_text import finite_numbers
+from .reading_process import Pairs, answers
+from .results_folder import DRAWS, write_whole
 
 FORMAT = "pdssjax-draws/5"
-
-DRAWS = "draws.jsonl"
-"""The file in a folder of results (`results_folder` knows it)."""
 
 _DIGEST = "digest"
 """The last key of each line."""
@@ -53,10 +60,7 @@ class DrawsFile:
         self._file = folder / DRAWS
         self._begun: Document | None = None
         self._entries: list[Document] = []
-        self._lines: list[str] = []
         self._run = ""
-        self._size = 0
-        """Bytes of the file when nobody else has written to it."""
         self._is_writable = True
         if resume:
             self._read()
@@ -72,8 +76,7 @@ class DrawsFile:
         self._begun, self._entries = what, []
         head = {"format": FORMAT} | what
         self._run = _digest_of(head, "")
-        self._lines = [_line(head, "")]
-        self._write_whole()
+        self._write(_line(head, ""), anew=True)
 
     def kept(self) -> Sequence[Document]:
         return tuple(self._entries)
@@ -81,52 +84,31 @@ class DrawsFile:
     def keep(self, entry: Document) -> None:
         """Append a line, which is on the disk when this returns, if that has room."""
         self._entries.append(entry)
-        self._lines.append(_line(finite_numbers(entry), self._run))
-        try:
-            is_as_it_was = self._file.stat().st_size == self._size
-        except OSError:
-            is_as_it_was = False
-        if is_as_it_was:
-            self._append(self._lines[-1])
-        else:
-            # Somebody has removed or changed it: it is made again, of all that was kept.
-            self._write_whole()
+        self._write(_line(finite_numbers(entry), self._run), anew=False)
 
-    def _append(self, line: str) -> None:
+    def _write(self, text: str, anew: bool) -> None:
+        """Append `text`, or write the file `anew` with it alone."""
         # A line after one that was cut would spoil the file: after the first that fails nothing more is written.
         if not self._is_writable:
             return
         try:
-            with self._file.open("a", encoding="utf-8", newline="\n") as lines:
-                _written(lines, line)
-            self._size += len(line)  # JSON of ASCII: a byte a character
+            if anew:
+                self._file.parent.mkdir(parents=True, exist_ok=True)
+                write_whole(self._file, text.encode())
+                return
+            with self._file.open("r+b") as lines:  # which fails where somebody has removed it
+                lines.seek(0, os.SEEK_END)
+                lines.write(text.encode())
+                lines.flush()
+                os.fsync(lines.fileno())
         except OSError as error:
-            self._give_up(error)
-
-    def _write_whole(self) -> None:
-        """Write all lines beside the file and rename, so that the file is whole at any moment."""
-        if not self._is_writable:
-            return
-        beside = self._file.with_name(f"{UNFINISHED}{DRAWS}")
-        try:
-            self._file.parent.mkdir(parents=True, exist_ok=True)
-            with beside.open("w", encoding="utf-8", newline="\n") as lines:
-                _written(lines, "".join(self._lines))
-            beside.replace(self._file)
-            self._size = sum(map(len, self._lines))
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                beside.unlink(missing_ok=True)
-            self._give_up(error)
-
-    def _give_up(self, error: OSError) -> None:
-        self._is_writable = False
-        warnings.warn(
-            f"{self._file}: cannot be written to ({error.strerror or error}); what is drawn from now on is kept in "
-            "memory alone, and lost if the run is broken off.",
-            InputWarning,
-            stacklevel=5,
-        )
+            self._is_writable = False
+            warnings.warn(
+                f"{self._file}: cannot be written to ({error.strerror or error}); what is drawn from now on is kept in "
+                "memory alone, and lost if the run is broken off.",
+                InputWarning,
+                stacklevel=4,
+            )
 
     def forget(self) -> None:
         """Remove the file of an earlier run, where there is one."""
@@ -144,14 +126,14 @@ class DrawsFile:
         head, *rest = whole.splitlines(keepends=True) or [""]
         self._begun = self._parsed_head(head)
         self._run = _digest_of(self._begun, "")
-        self._lines, damaged = [head], []
+        sound, damaged = [head], []
         for number, line in enumerate(rest, 2):
             entry = _entry_of(line, self._run)
             if entry is None:
                 damaged.append(number)
             else:
                 self._entries.append(entry)
-                self._lines.append(line)
+                sound.append(line)
         if damaged:
             listed = ", ".join(map(str, damaged[:_LISTED])) + (", ..." if len(damaged) > _LISTED else "")
             warnings.warn(
@@ -160,10 +142,8 @@ class DrawsFile:
                 InputWarning,
                 stacklevel=4,
             )
-        # A file of another system may have other ends of lines; this one is then made of what was read.
-        if damaged or self._file.stat().st_size != sum(map(len, self._lines)):
-            self._write_whole()
-        self._size = sum(map(len, self._lines))
+        if damaged or text != whole:
+            self._write("".join(sound), anew=True)
 
     def _parsed_head(self, line: str) -> Document:
         """**Raises** `InputError` where a `line` is no first line of draws, or not as it was written."""
@@ -181,13 +161,6 @@ class DrawsFile:
         return head
 
 
-def _written(lines: TextIO, text: str) -> None:
-    """Write `text`, which is on the disk when this returns."""
-    lines.write(text)
-    lines.flush()
-    os.fsync(lines.fileno())
-
-
 def _line(document: Document, run: str) -> str:
     """A line of the file, with its digest."""
     return json.dumps(document | {_DIGEST: _digest_of(document, run)}) + "\n"
@@ -201,7 +174,7 @@ def _digest_of(document: Document, run: str) -> str:
 def _entry_of(line: str, run: str) -> Document | None:
     """The entry in a `line`; None where a `run` has not written it."""
     try:
-        entry: object = json.loads(line, parse_constant=_refused)
+        entry: object = json.loads(line)
     except (ValueError, RecursionError):  # syntax, and integers and nesting beyond what Python reads
         return None
     if not isinstance(entry, dict) or entry.pop(_DIGEST, None) != _digest_of(entry, run):
@@ -209,6 +182,87 @@ def _entry_of(line: str, run: str) -> Document | None:
     return entry
 
 
-def _refused(constant: str) -> NoReturn:
-    """Refuse NaN and infinities, which no line has."""
-    raise ValueError(constant)
+_FILES = {"bootstrap": "bootstrap.csv", "posterior": "posterior.nc"}
+"""In a folder of results, by the kind of the draws."""
+
+
+def write_draws(draws: Draws, units: dict[str, str], folder: Path) -> None:
+    """Put all draws into `folder`; `units` by path of the parameter."""
+    if draws.kind == "bootstrap":
+        head = ",".join(f"{path} [{units[path]}]" if units[path] else path for path in draws.names)
+        file = folder / _FILES["bootstrap"]
+        np.savetxt(file, draws.values[0], "%.10g", ",", header=head, comments="", encoding="utf-8")
+    else:
+        _write_posterior(draws, units, folder / _FILES["posterior"])
+
+
+def read_draws(estimate: Path, kind: str) -> tuple[tuple[str, ...], Float[np.ndarray, "draws p"]]:
+    """The paths of the parameters that were drawn, and all draws [SI], beside an `estimate`, an estimate.json.
+
+    **Arguments:** `kind` is "bootstrap" or "posterior".
+
+    **Raises:** `InputError` where there are none, or the file cannot be read.
+    """
+    place = estimate.parent / _FILES[kind]
+    if not place.exists():
+        raise InputError(
+            f"{place}: there is no such file, expected the draws of `pdssjax identify --intervals {kind}` beside the "
+            "estimate."
+        )
+    try:
+        return (_read_bootstrap if kind == "bootstrap" else _read_posterior)(place)
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        told = str(error).strip().partition("\n")[0]
+        raise InputError(f"{place}: cannot be read ({told}), expected the draws of pdssjax identify.") from None
+
+
+def _read_bootstrap(file: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "draws p"]]:
+    with file.open(encoding="utf-8") as lines:
+        names = tuple(column.partition(" [")[0] for column in lines.readline().strip().split(","))
+        return names, np.loadtxt(lines, delimiter=",", ndmin=2)
+
+
+def _read_posterior(file: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "draws p"]]:
+    names, columns = zip(*answers(posterior_of, file), strict=True)
+    return names, np.stack(columns, axis=1)
+
+
+def posterior_of(file: Path) -> Pairs:
+    """The path of each parameter in a posterior, and its draws; asked of another process."""
+    import xarray
+
+    with file.open("rb") as begin:
+        grouped = begin.read(4) == b"\x89HDF"
+    engine, group = ("h5netcdf", "posterior") if grouped else ("scipy", None)
+    with xarray.open_dataset(file, engine=engine, group=group) as data:
+        for name in data.data_vars:
+            yield str(name), np.asarray(data[name], float).ravel()
+
+
+def _write_posterior(draws: Draws, units: dict[str, str], file: Path) -> None:
+    import xarray
+
+    chains, each, _ = draws.values.shape
+    coordinates = {"chain": np.arange(chains), "draw": np.arange(each)}
+    about = {"inference_library": "pdssjax", "description": draws.description, "seed": draws.seed}
+    posterior = xarray.Dataset(
+        {
+            path: (("chain", "draw"), draws.values[:, :, i], {"units": units[path]})
+            for i, path in enumerate(draws.names)
+        },
+        coordinates,
+        about,
+    )
+    if any(importlib.util.find_spec(package) is None for package in ("h5netcdf", "h5py")):
+        # Without groups, which the older format has not; ArviZ takes the dataset once xarray has opened it.
+        posterior.to_netcdf(file, engine="scipy")
+        return
+    numbers = {name: (("chain", "draw"), _plain(values)) for name, values in draws.statistics.items()}
+    statistics = xarray.Dataset(numbers, coordinates, about)
+    tree = xarray.DataTree.from_dict({"/posterior": posterior, "/sample_stats": statistics})
+    tree.to_netcdf(file, engine="h5netcdf")
+
+
+def _plain(values: np.ndarray) -> np.ndarray:
+    """A type that every reader of the format knows: truth values as they are in ArviZ's own files."""
+    return np.asarray(values, np.int8) if values.dtype == bool else values

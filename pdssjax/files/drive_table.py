@@ -16,8 +16,7 @@ from ..core import InputError, Quantity, choices, member, members, quantities, t
 from ..drive.base import AbstractDrive
 from ..drive.sampled import Sampled
 from ..metrics import flicker_of, smoothed
-from .layout_table import decimal_at, interval_at, name_at, scales_at
-from .record_columns import Layout, read_columns
+from .record_columns import Layout, decimal_at, interval_at, name_at, read_columns, scales_at
 from .toml_table import Table
 
 _EXPECTED = '"3 cycles", or of a sampled drive { cycles = 3, period = "1 s" } or a time such as "60 s"'
@@ -65,7 +64,9 @@ def conditioned(record: Table, drive: AbstractDrive | None) -> tuple[AbstractDri
         raise InputError(f'{where}: found "{given}", expected whole cycles such as "3 cycles".')
     if frequency is None:
         raise InputError(f'{where}: found "{given}", expected none: this waveform has no cycle.')
-    return drive, _cycles(int(number), where) / float(frequency)
+    if not 1 <= int(number) <= _MOST:
+        raise InputError(f"{where}: found {number}, expected a number of cycles from 1 to {_MOST}.")
+    return drive, int(number) / float(frequency)
 
 
 def rest_before(
@@ -116,7 +117,7 @@ def _of_samples(record: Table, drive: Sampled) -> tuple[Sampled, float]:
         return _held(drive, held), held
     table = record.table("conditioning", _EXPECTED)
     table.only(["cycles", "period"])
-    count = table.get("cycles", int, "a whole number of cycles")
+    count = table.whole("cycles", f"a number of cycles from 1 to {_MOST}", most=_MOST)
     period = table.number("period", "s")
     times, voltages = np.asarray(drive.times), np.asarray(drive.voltages)
     inside = times < times[0] + period * (1.0 - 1e-9)
@@ -128,7 +129,6 @@ def _of_samples(record: Table, drive: Sampled) -> tuple[Sampled, float]:
             f"{table.at('period')}: found {period:g} s, after which the voltage is {misses:.3g} V from where it began, "
             "expected a period of it."
         )
-    count = _cycles(count, table.at("cycles"))
     earlier = (np.arange(count)[:, None] * period + times[inside]).ravel()
     return (
         dataclasses.replace(
@@ -138,12 +138,6 @@ def _of_samples(record: Table, drive: Sampled) -> tuple[Sampled, float]:
         ),
         count * period,
     )
-
-
-def _cycles(count: int, where: str) -> int:
-    if isinstance(count, bool) or not 1 <= count <= _MOST:
-        raise InputError(f"{where}: found {count}, expected a number of cycles from 1 to {_MOST}.")
-    return count
 
 
 SAMPLED_KEYS = ["column", "file", "time", "unit", "scale", "decimal", "smooth"]

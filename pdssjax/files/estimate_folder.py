@@ -1,57 +1,52 @@
-"""Reads an estimate back from the folder that `pdssjax identify` wrote."""
+"""Reads a folder of results back: the estimate that `pdssjax identify` wrote, or a page of it for a colleague."""
 
 import dataclasses
+import json
 import math
-from collections.abc import Mapping, Sequence
+import types
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import AbstractArray, Float
 
 from ..core import Document, InputError, choices, member
-from ..metrics import LackOfFit
+from ..report.page import Illustration, Page, Section, estimate_page
 from ..study import (
-    Agreement,
-    Amplification,
-    Combination,
-    Diagnosis,
     Draws,
-    ErrorAdvice,
     Estimate,
     FittedParameter,
     FittedRecord,
-    IntegratorCheck,
-    MeasuredApart,
     Multistart,
     ParameterDraws,
     ParameterError,
-    Profile,
-    Provenance,
-    Remedy,
-    Statistics,
-    Unexplained,
 )
-from .draws_results import read_draws
-from .estimate_json import read_estimate
-from .prediction_results import COMPARED, VOLTAGE, file_stems, prescribed_column
+from .draws_file import read_draws
+from .estimate_results import read_estimate
+from .record_results import COMPARED, VOLTAGE, file_stems, prescribed_column
 
 Entry: TypeAlias = Any
-"""A value of a JSON document."""
+"""A value of a JSON document, or the type that it is read as."""
+
+_INFINITE = {(FittedParameter, "degrees_of_freedom"), (ParameterError, "degrees_of_freedom"), (Multistart, "chi2")}
+"""Numbers that are infinite where JSON has null; all others are NaN."""
 
 
-def read_estimate_folder(folder: Path) -> Estimate:
-    """The estimate in a `folder` of results, with the samples of its records as far as `predictions/` has them.
+def read_estimate_folder(place: Path) -> Estimate:
+    """The estimate in a folder of results, with the samples of its records as far as `predictions/` has them.
 
     Samples have the nine digits of those files, and a record without a file has no samples: a fit that was broken off
     writes none.  Draws are read where their file is still there.
 
-    **Raises:** `InputError` where `folder` holds no estimate, or a file in it is not what `pdssjax identify` wrote.
+    **Arguments:** `place` is the folder, or the file in it that is the estimate.json.
+
+    **Raises:** `InputError` where there is no estimate, or a file is not what `pdssjax identify` wrote.
     """
-    file = folder / "estimate.json"
+    file = place / "estimate.json" if place.is_dir() else place
     document = read_estimate(file)
     try:
-        return _estimate(document, folder)
+        return _estimate(document, file)
     except InputError:
         raise
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -59,92 +54,73 @@ def read_estimate_folder(folder: Path) -> Estimate:
         raise InputError(f"{file}: found {what}, expected an estimate that pdssjax identify wrote.") from None
 
 
-def _estimate(document: Document, folder: Path) -> Estimate:
-    covariance, correlation = document["covariance"], document["correlation"]
-    names = tuple(covariance["names"])
-    matrix = lambda rows: _array(rows).reshape(len(names), len(names))
+def _estimate(document: Document, file: Path) -> Estimate:
+    names = tuple(document["covariance"]["names"])
+    matrix = lambda rows: _numbers(rows).reshape(len(names), len(names))
     covariances = {name: rows for name, rows in document.get("covariances", {}).items() if name != "names"}
-    parameters = {path: _parameter(path, entry) for path, entry in document["parameters"].items()}
-    optional = {key: document[key] for key in ("loss", "effort", "solver", "minimiser", "explained") if key in document}
-    return Estimate(
-        title=str(document["title"]),
-        method=document["method"],
-        converged=document["converged"],
-        message=document["message"],
-        parameters=parameters,
-        names=names,
-        correlation=matrix(correlation["matrix"]),
-        covariance=matrix(covariance["matrix"]),
-        records=_records(document["records"], folder / "predictions"),
-        statistics=Statistics(**_numbers(document["statistics"])),
-        notes=tuple(document["notes"]),
-        seconds=document["seconds"],
-        profiles=tuple(_profile(entry) for entry in document.get("profiles") or ()),
-        multistart=_multistart(document.get("multistart")),
-        draws=_draws(document.get("draws"), folder),
-        amplification=_amplification(document.get("amplification")),
-        diagnosis=_diagnosis(document.get("diagnosis")),
-        error_advice=None if document.get("error_advice") is None else ErrorAdvice(**document["error_advice"]),
-        covariances={name: matrix(rows) for name, rows in covariances.items()},
-        actuator=document.get("actuator", {}),
-        check=None if document.get("check") is None else _check(document["check"]),
-        unexplained_by=_reasons(document.get("unexplained_by", ())),
-        provenance=Provenance(**document.get("provenance", {})),
-        **optional,
-    )
+    found: Document = {
+        "names": names,
+        "covariance": matrix(document["covariance"]["matrix"]),
+        "correlation": matrix(document["correlation"]["matrix"]),
+        "covariances": {name: matrix(rows) for name, rows in covariances.items()},
+        "parameters": {path: _parameter(path, entry) for path, entry in document["parameters"].items()},
+        "records": _records(document["records"], file.parent / "predictions"),
+        "draws": _draws(document.get("draws"), file),
+    }
+    # What is left stands in the document as in the estimate; an earlier version did not write all of it.
+    kinds = get_type_hints(Estimate)
+    left = {key: document[key] for key in kinds if key in document and key not in found}
+    return Estimate(**found, **{key: _read(kinds[key], entry) for key, entry in left.items()})
 
 
-def _reasons(entries: Sequence[Entry]) -> tuple[Unexplained, ...]:
-    """The reasons why an estimate does not explain its records; **raises** `ValueError` for an unknown one."""
-    if unknown := [entry for entry in entries if entry not in get_args(Unexplained)]:
-        raise ValueError(f"unexplained_by = {unknown[0]!r}")
-    return tuple(entries)
+def _read(kind: Entry, entry: Entry, missing: float = math.nan) -> Entry:
+    """A value of the document as the type `kind`, an annotation of a result's field; `missing` is for null.
+
+    **Raises:** `KeyError`, `TypeError` or `ValueError` where it is not of that type.
+    """
+    inner = get_args(kind)
+    origin = get_origin(kind) or kind
+    if origin is types.UnionType and types.NoneType in inner:
+        return None if entry is None else _read(inner[0], entry, missing)
+    if origin is float:
+        return missing if entry is None else float(entry)
+    if origin is Literal and entry not in inner:
+        raise ValueError(repr(entry))
+    if origin is tuple:
+        kinds = inner[:1] * len(entry) if inner[-1] is ... else inner
+        return tuple(_read(each, value, missing) for each, value in zip(kinds, entry, strict=True))
+    if isinstance(entry, dict) and len(inner) == 2:
+        return {key: _read(inner[1], value, missing) for key, value in entry.items()}
+    if isinstance(kind, type) and issubclass(kind, AbstractArray):
+        return _numbers(entry, missing)
+    if isinstance(entry, dict):
+        kinds = get_type_hints(kind)
+        return kind(**{key: _read(kinds[key], entry[key], _missing(kind, key)) for key in entry})
+    return entry
 
 
-def _number(entry: Entry, missing: float = math.nan) -> float:
-    """A number of the file, which has null for what JSON has no number for."""
-    return missing if entry is None else float(entry)
+def _missing(kind: Entry, key: str) -> float:
+    return math.inf if (kind, key) in _INFINITE else math.nan
 
 
-def _numbers(entry: Mapping[str, Entry]) -> dict[str, Entry]:
-    return {key: math.nan if value is None else value for key, value in entry.items()}
-
-
-def _array(entry: Entry, missing: float = math.nan) -> np.ndarray:
-    """The numbers of a list, or of a list of lists."""
-    number = lambda value: _array(value, missing) if isinstance(value, list) else _number(value, missing)
-    return np.array([number(value) for value in entry], float)
-
-
-def _pair(entry: Sequence[Entry], missing: tuple[float, float] = (math.nan, math.nan)) -> tuple[float, float]:
-    return _number(entry[0], missing[0]), _number(entry[1], missing[1])
+def _numbers(entry: Entry, missing: float = math.nan) -> np.ndarray:
+    """The array that a list, or a list of lists, holds, of the type of its entries; `missing` is for null."""
+    found = np.array(entry, object)
+    absent = np.array([value is None for value in found.ravel()], bool).reshape(found.shape)
+    if absent.any() or not found.size:
+        return np.where(absent, missing, found).astype(float)
+    numbers = np.array(entry)
+    if numbers.dtype.kind not in "bif":
+        raise ValueError(f"{entry!r:.80} in place of numbers")
+    return numbers
 
 
 def _parameter(path: str, entry: Document) -> FittedParameter:
-    apart, verdicts, errors = entry.get("measured_apart"), entry.get("interval_verdicts"), entry.get("errors", {})
-    naive = entry.get("naive_standard_error")
-    return FittedParameter(
-        path=path,
-        value=_number(entry["value"]),
-        standard_error=_number(entry["standard_error"]),
-        interval=_pair(entry["interval"]),
-        unit=entry["unit"],
-        free=entry["free"],
-        start=entry["start"],
-        at_bound=entry["at_bound"],
-        identifiable=entry["informed"],
-        naive_standard_error=naive,
-        verdicts=None if verdicts is None else tuple(verdicts),
-        errors={name: _error(told) for name, told in errors.items()},
-        degrees_of_freedom=_number(entry.get("degrees_of_freedom"), math.inf),
-        bounds=_pair(entry.get("bounds", (None, None)), (-math.inf, math.inf)),
-        measured_apart=None if apart is None else MeasuredApart(**_numbers(apart)),
-    )
-
-
-def _error(entry: Document) -> ParameterError:
-    freedom = _number(entry.get("degrees_of_freedom"), math.inf)
-    return ParameterError(_number(entry["standard_error"]), _pair(entry["interval"]), freedom)
+    renamed = {"informed": "identifiable", "interval_verdicts": "verdicts"}
+    told = {renamed.get(key, key): value for key, value in entry.items() if key != "interval_at_bound"}
+    low, high = told.pop("bounds", (None, None))
+    bounds = (-math.inf if low is None else low, math.inf if high is None else high)
+    return _read(FittedParameter, {"path": path, "bounds": bounds, **told})
 
 
 def _records(entries: Sequence[Document], folder: Path) -> tuple[FittedRecord, ...]:
@@ -153,12 +129,8 @@ def _records(entries: Sequence[Document], folder: Path) -> tuple[FittedRecord, .
     read = []
     for record, entry, stem in zip(records, entries, file_stems(records), strict=True):
         file = folder / f"{stem}.csv"
-        read.append(_with_samples(record, file, _array(entry.get("outliers", ()))) if file.exists() else record)
+        read.append(_with_samples(record, file, _numbers(entry.get("outliers", ()))) if file.exists() else record)
     return tuple(read)
-
-
-_PLAIN = "name role measures samples simulated noise_estimated frequency excitation file".split()
-_FIGURES = "r2 error_index rmse noise offset offset_standard_error noise_floor chi2 reduced_chi2".split()
 
 
 def _record(entry: Document) -> FittedRecord:
@@ -166,10 +138,9 @@ def _record(entry: Document) -> FittedRecord:
     kind = member("study.measurement", entry["measures"])
     words = {key: entry.get(key, next(iter(options))) for key, options in choices(kind).items()}
     measurement = kind(**{key: choices(kind)[key][word] for key, word in words.items()})
+    kinds = get_type_hints(FittedRecord)
+    told = {key: _read(kinds[key], entry[key]) for key in kinds if key in entry and key != "outliers"}
     none = np.zeros(0)
-    misfit = entry.get("lack_of_fit")
-    told: Document = {key: entry[key] for key in _PLAIN if key in entry}
-    told |= {key: _number(entry[key]) for key in _FIGURES if key in entry}
     return FittedRecord(
         **told,
         time=none,
@@ -179,7 +150,6 @@ def _record(entry: Document) -> FittedRecord:
         display=measurement.display,
         prescribed=measurement.prescribed_display,
         words=words,
-        lack_of_fit=None if misfit is None else LackOfFit(**_numbers(misfit)),
     )
 
 
@@ -215,73 +185,86 @@ def _with_samples(record: FittedRecord, file: Path, outliers: Float[np.ndarray, 
     )
 
 
-def _profile(entry: Document) -> Profile:
-    arrays = {key: _array(entry[key]) for key in ("value", "excess", "linear")}
-    computed = np.array(entry["computed"], bool)
-    return Profile(**{**entry, **arrays, "computed": computed, "quality": _number(entry["quality"])})
-
-
-def _multistart(entry: Document | None) -> Multistart | None:
-    if entry is None:
-        return None
-    return Multistart(
-        names=tuple(entry["names"]),
-        chi2=_array(entry["chi2"], math.inf),
-        converged=np.array(entry["converged"], bool),
-        starts=_array(entry["starts"]),
-        ends=_array(entry["ends"]),
-        optimum=np.array(entry["optimum"], int),
-        iterations=np.array(entry["iterations"], int),
-        ranges={path: _pair(ends) for path, ends in entry["ranges"].items()},
-    )
-
-
-def _draws(entry: Document | None, folder: Path) -> Draws | None:
+def _draws(entry: Document | None, file: Path) -> Draws | None:
     if entry is None:
         return None
     names, shape = tuple(entry["names"]), (entry["chains"], entry["draws"])
     try:
-        found, values = read_draws(folder / "estimate.json", entry["kind"])
+        found, values = read_draws(file, entry["kind"])
         values = values[:, [found.index(name) for name in names]].reshape(*shape, len(names))
     except (InputError, ValueError):
         values = np.zeros((*shape, 0))
-    told = []
-    for path, drawn in entry["parameters"].items():
-        ends = {key: None if drawn[key] is None else _pair(drawn[key]) for key in ("percentile", "basic")}
-        told.append(ParameterDraws(**{**_missing_as_none(drawn), **ends, "path": path}))
+    parameters = tuple(_read(ParameterDraws, {"path": path, **told}) for path, told in entry["parameters"].items())
     keys = "kind description failed failure seed".split()
-    return Draws(names=names, values=values, parameters=tuple(told), **{key: entry[key] for key in keys})
+    return Draws(names=names, values=values, parameters=parameters, **{key: entry[key] for key in keys})
 
 
-def _missing_as_none(entry: Document) -> Document:
-    """Entries as they are, but for mean and deviation, which are NaN where they are missing."""
-    return {**entry, "mean": _number(entry["mean"]), "deviation": _number(entry["deviation"])}
+_MOST_BYTES = 2_000_000
+"""Largest size of the pictures on a page: as text they are a third larger, and mail refuses more than 3 MB."""
 
 
-def _amplification(entry: Document | None) -> Amplification | None:
-    if entry is None:
-        return None
-    later, earlier = tuple(entry["later"]), tuple(entry["earlier"])
-    return Amplification(later, earlier, _array(entry["matrix"]).reshape(len(later), len(earlier)))
+_OWN = "comparison.html", "plan.html"
+"""Pages that commands write themselves, since they know more than their files say."""
 
 
-def _diagnosis(entry: Document | None) -> Diagnosis | None:
-    if entry is None:
-        return None
-    remedy = entry["remedy"]
-    return Diagnosis(
-        combinations=tuple(
-            Combination(told["exponents"], _number(told["relative_error"])) for told in entry["combinations"]
-        ),
-        remedy=None
-        if remedy is None
-        else Remedy(remedy["path"], {path: _pair(errors) for path, errors in remedy["errors"].items()}),
-        agreement=tuple(
-            Agreement(tuple(told["records"]), told["what"], _number(told["sigmas"]), _numbers(told["shifts"]))
-            for told in entry["agreement"]
-        ),
-    )
+def own_page(folder: Path) -> Path | None:
+    """The page that the command wrote into its `folder` of results; None where it wrote none."""
+    return next((folder / name for name in _OWN if (folder / name).is_file()), None)
 
 
-def _check(entry: Document) -> IntegratorCheck:
-    return IntegratorCheck(entry["solver"], _numbers(entry["differences"]), entry["converged"], entry["message"])
+def read_page(folder: Path) -> Page:
+    """The page of a `folder` of results: of an estimate all that is known, of others their texts and pictures.
+
+    **Raises:** `InputError` where there are no results, or they cannot be read.
+    """
+    if not folder.is_dir():
+        what = "a file" if folder.exists() else "nothing there"
+        raise InputError(f"{folder}: found {what}, expected a folder that a command of pdssjax wrote.")
+    if (folder / "estimate.json").exists():
+        return estimate_page(read_estimate_folder(folder))
+    texts = [_section(file) for file in sorted(folder.glob("*.txt"))]
+    pictures = [*sorted(folder.glob("*.png")), *sorted((folder / "plots").rglob("*.png"))]
+    if not (texts or pictures):
+        raise InputError(
+            f"{folder}: found no estimate.json, no text and no picture; expected a folder that a command of pdssjax "
+            "wrote."
+        )
+    figures, left = _illustrations(pictures)
+    text = [f"Left out, since the page would become too large to send: {', '.join(left)}."] if left else []
+    shown = [Section("Figures", text, figures=figures)] if pictures else []
+    return Page(_title(folder), [*texts, *shown], subtitle=f"Results in the folder {folder.resolve().name}")
+
+
+def _section(file: Path) -> Section:
+    """A plain text as it is."""
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: cannot be read ({error}), expected a plain text.") from None
+    return Section(file.stem.replace("_", " ").capitalize(), lines=lines)
+
+
+def _title(folder: Path) -> str:
+    """The title that one of the JSON files of a `folder` has, or its name."""
+    for file in sorted(folder.glob("*.json")):
+        try:
+            document: object = json.loads(file.read_text(encoding="utf-8-sig"))
+        except (OSError, ValueError, RecursionError):
+            continue  # only the title is wanted, and the folder has a name
+        title = document.get("title") if isinstance(document, dict) else None
+        if isinstance(title, str) and title:
+            return title
+    return folder.resolve().name
+
+
+def _illustrations(pictures: list[Path]) -> tuple[list[Illustration], list[str]]:
+    """Pictures up to the size of a page, and the names of those beyond it."""
+    shown, left, room = [], [], _MOST_BYTES
+    for file in pictures:
+        content = file.read_bytes()
+        if len(content) > room:
+            left.append(file.name)
+            continue
+        room -= len(content)
+        shown.append(Illustration(content, f"{file.stem.replace('_', ' ')}."))
+    return shown, left

@@ -1,14 +1,215 @@
-"""Writes an estimate (`estimate.json`, the report, plots and predictions), and several side by side."""
+"""The results of an identification: estimate.json with the report, plots and predictions, and what is read of it.
 
-from collections.abc import Sequence
+A study gets values, starts or a covariance from an estimate.json; `estimate_folder.py` reads a whole `Estimate` back.
+"""
+
+import dataclasses
+import json
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float
+
+from ..core import Document, InputError, InputWarning, nearest
 from ..report.text import format_comparison, format_report
-from ..study import Estimate
-from .draws_results import write_draws
-from .estimate_json import estimate_text
-from .prediction_results import file_stems, write_records
+from ..study import Draws, Estimate, FittedParameter, FittedRecord, Study
+from .draws_file import write_draws
+from .json_text import Plain, json_text
+from .record_results import file_stems, write_records
 from .results_folder import staging_folder
+from .toml_table import Table
+
+
+class KnownParameters(NamedTuple):
+    """Values and covariance of the p free parameters that an estimate's records determine."""
+
+    names: tuple[str, ...]
+    covariance: Float[np.ndarray, "p p"]
+    """In SI."""
+    errors: str
+    """The error model by which it is, such as "with-misfit"; "standard" where the estimate has one error only."""
+
+
+FORMAT = "pdssjax-estimate/1"
+"""The format of the file in which an estimate is kept."""
+
+
+def with_estimate(study: Study, file: Path) -> Study:
+    """`study` with every parameter that `file`, an estimate.json, has a value of fixed at it.
+
+    **Raises:** `InputError` if the file is missing or no estimate, is of another actuator, or has a parameter that the
+    study has not.  Warns with `InputWarning` if the fit did not converge, or does not explain its records.
+    """
+    document = read_estimate(file)
+    doubt = _doubt(document)
+    if doubt:
+        warnings.warn(f"{file}: the fit {_DOUBTS[doubt]}; its numbers are used all the same.", InputWarning, 2)
+    return study.with_values(_values(document, study, file), _source(file, doubt), of_estimate=True)
+
+
+def starting_at_estimate(study: Study, file: Path) -> Study:
+    """`study` with the free parameters that `file`, an estimate.json, has a value of starting there.
+
+    **Raises:** `InputError` as `with_estimate` does.
+    """
+    document = read_estimate(file)
+    told = {path: number for path, number in _values(document, study, file).items() if path in study.parameters}
+    return study.with_starts(told, _source(file, _doubt(document)))
+
+
+def _source(file: Path, doubt: str) -> str:
+    """Where numbers come from, in words."""
+    return f"estimate {file}" + (f" ({doubt})" if doubt else "")
+
+
+def _values(document: Document, study: Study, file: Path) -> dict[str, float]:
+    """The numbers [SI] of an estimate's parameters by path; **raises** `InputError` where they are not the study's."""
+    table, legal = Table(document, str(file)), study.legal()
+    if "actuator" in document:  # older versions wrote none
+        study.models.check_same(table.table("actuator", 'a table such as { "friction": "lugre" }').entries, str(file))
+    parameters = table.table("parameters", "a table of parameters")
+    for path in parameters.entries:
+        if path not in legal:
+            raise InputError(
+                f'{file}: found the parameter "{path}", which {study.path} has not; {nearest(path, legal)}'
+            )
+    return {path: _value(parameters, path, legal[path].unit) for path in parameters.entries}
+
+
+def read_estimate(file: Path) -> Document:
+    """The content of `file`, an estimate.json; **raises** `InputError` if it is missing or no estimate."""
+    try:
+        document: object = json.loads(file.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise InputError(f"{file}: there is no such file, expected an estimate.json.") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: cannot be read ({error}), expected an estimate.json.") from None
+    except (ValueError, RecursionError) as error:  # beside syntax: integers and nesting beyond what Python reads
+        raise InputError(f"{file}: found no valid JSON: {error}.") from None
+    found = document.get("format") if isinstance(document, dict) else None
+    if not isinstance(document, dict) or found != FORMAT:
+        raise InputError(f'{file}: key "format": found {json.dumps(found)}, expected "{FORMAT}".')
+    return document
+
+
+_DOUBTS = {
+    "not converged": "did not converge",
+    "unexplained": "does not explain its records",
+}
+"""Sentences on doubtful fits, by the doubt."""
+
+
+def _value(parameters: Table, path: str, unit: str) -> float:
+    """The value of a parameter [SI]; **raises** `InputError` where it is no number, or told in another `unit`."""
+    entry = parameters.table(path, 'a table such as { "value": 0.1 }')
+    if entry.entries.get("unit", unit) != unit:
+        raise InputError(f'{entry.at("unit")}: found {json.dumps(entry.entries["unit"])}, expected "{unit}".')
+    return entry.number("value", unit)
+
+
+def _doubt(document: Document) -> str:
+    """The doubt about the fit, a key of `_DOUBTS`; "" for none."""
+    if document.get("converged") is False:
+        return "not converged"
+    return "unexplained" if document.get("explained") is False else ""
+
+
+def read_covariance(file: Path) -> KnownParameters:
+    """The free parameters that the records determine, and their covariance, as `file`, an estimate.json, has them.
+
+    It is that of the error model which the estimate says to believe, where it has several.
+
+    **Raises:** `InputError` if the file is missing or no estimate, or determines none.
+    """
+    document = read_estimate(file)
+    try:
+        names, covariance, errors = _believed(document)
+        known = np.flatnonzero(np.isfinite(np.diag(covariance))) if names else np.zeros(0, int)
+        found = KnownParameters(tuple(names[i] for i in known), covariance[np.ix_(known, known)], errors)
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError):
+        raise InputError(
+            f"{file}: covariance: found no square matrix of numbers with a name for each row, "
+            "expected what pdssjax identify wrote."
+        ) from None
+    if not found.names:
+        raise InputError(f"{file}: found no parameter with a standard error, expected one that the records determine.")
+    return found
+
+
+def _believed(document: Document) -> tuple[list[str], Float[np.ndarray, "p p"], str]:
+    """Names and covariance by the error model to believe, and that model; NaN where the records determine nothing."""
+    names, matrix, errors = document["covariance"]["names"], document["covariance"]["matrix"], "standard"
+    advised, by_model = document.get("error_advice"), document.get("covariances", {})
+    if advised is not None and advised["model"] in by_model:
+        errors = advised["model"]
+        # `covariance` is the white one, but for rounding: sweeps begun with it are those that are resumed.
+        if errors != "white":
+            names, matrix = by_model["names"], by_model[errors]
+    covariance = np.array([[np.nan if entry is None else entry for entry in row] for row in matrix], float)
+    return names, covariance.reshape(len(names), len(names)), errors
+
+
+def estimate_text(estimate: Estimate) -> str:
+    """The content of `estimate.json` as text."""
+    return json_text(estimate_document(estimate))
+
+
+def estimate_document(estimate: Estimate) -> Document:
+    """The content of `estimate.json`, in SI."""
+    plain = lambda names: {name: _plain(getattr(estimate, name)) for name in names.split()}
+    return {
+        "format": FORMAT,
+        **plain("title actuator method loss effort solver minimiser converged explained unexplained_by message"),
+        "parameters": {path: _parameter_document(p, estimate.method) for path, p in estimate.parameters.items()},
+        "correlation": {"names": estimate.names, "matrix": estimate.correlation},
+        "covariance": {"names": estimate.names, "matrix": estimate.covariance},
+        "covariances": {"names": estimate.names, **estimate.covariances},
+        **plain("error_advice amplification diagnosis profiles multistart"),
+        "draws": _draws_document(estimate.draws),
+        "records": [_record_document(record) for record in estimate.records],
+        **plain("statistics notes seconds provenance"),
+        **({} if estimate.check is None else plain("check")),
+    }
+
+
+def _plain(value: Plain) -> Plain:
+    """A result's value with what its fields hold in place of each class of ours."""
+    if dataclasses.is_dataclass(value):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    elif isinstance(value, tuple) and hasattr(value, "_asdict"):
+        value = value._asdict()  # pyright: ignore[reportAttributeAccessIssue]
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
+
+
+def _parameter_document(parameter: FittedParameter, method: str) -> Document:
+    told: Document = _plain(parameter) | {"interval_at_bound": parameter.interval_at_bound}
+    told["informed"], told["interval_verdicts"] = told.pop("identifiable"), told.pop("verdicts")
+    left_out = {"path"} | {key for key in ("interval_verdicts", "measured_apart", "errors") if not told[key]}
+    if method == "joint":
+        left_out |= {"naive_standard_error"}
+    return {key: value for key, value in told.items() if key not in left_out}
+
+
+def _record_document(record: FittedRecord) -> Document:
+    keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures largest_error "
+    keys += "noise_estimated noise_floor chi2 reduced_chi2 frequency excitation file"
+    told: Document = {key: getattr(record, key) for key in keys.split()} | record.words
+    return told | {"outliers": record.time[record.outliers], "lack_of_fit": _plain(record.lack_of_fit)}
+
+
+def _draws_document(draws: Draws | None) -> Document | None:
+    """The summary of the draws; the draws themselves are in a file of their own."""
+    if draws is None:
+        return None
+    chains, each, _ = draws.values.shape
+    keys = "kind description names failed failure seed".split()
+    document = {key: getattr(draws, key) for key in keys} | {"chains": chains, "draws": each}
+    return document | {"parameters": {drawn.path: _plain(drawn) for drawn in draws.parameters}}
 
 
 def write_estimate(estimate: Estimate, folder: Path) -> None:

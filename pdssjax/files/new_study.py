@@ -4,13 +4,14 @@ import dataclasses
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from ..core import member, quantities
+from ..core import Figure, member, quantities
 from ..metrics import RUNNING, RecordGuess
+from .channel_roles import Roles
 from .guessed_record import (
     NewRecord,
     Told,
@@ -46,30 +47,95 @@ def write_study(records: Sequence[NewRecord], told: Told, folder: Path, title: s
 
     **Raises:** `InputError` if the folder holds something already, or cannot be written to.
     """
-    from ..report.figures import guess_figure, save_figure
+    from ..report.figures import guess_figure
+
+    names = distinct_names([record.name for record in records])
+    named = [dataclasses.replace(record, name=name) for record, name in zip(records, names, strict=True)]
+    figures = (guess_figure(record.name, record.guess) for record in named)
+    return put_study(folder, study_text(named, told, folder, title), names, figures)
+
+
+def put_study(folder: Path, text: str, names: Sequence[str], figures: Iterable[Figure]) -> Path:
+    """Write the `text` of a study into `folder`, with the figure of each record of the `names`; the study's path.
+
+    **Raises:** `InputError` if the folder holds something already, or cannot be written to.
+    """
+    from ..report.figures import save_figure
 
     check_empty(folder)
-    named = _named(records)
     # All of it or nothing: what is broken off can be begun again in the same folder.
     with staging_folder(folder, ("check", "study.toml")) as staging:
         (staging / "check").mkdir()
-        for record in named:
-            stem = re.sub(r"[^\w.-]+", "_", record.name)
-            save_figure(guess_figure(record.name, record.guess), staging / "check" / f"{stem}.png")
-        text = study_text(named, told, folder, title)
+        for name, figure in zip(names, figures, strict=True):
+            stem = re.sub(r"[^\w.-]+", "_", name)
+            save_figure(figure, staging / "check" / f"{stem}.png")
         (staging / "study.toml").write_text(text, encoding="utf-8")
     return folder / "study.toml"
 
 
-def _named(records: Sequence[NewRecord]) -> list[NewRecord]:
-    """The records with names that differ."""
-    made: list[NewRecord] = []
-    for record in records:
-        name, number = record.name, 2
-        while name.casefold() in [other.name.casefold() for other in made]:
-            name, number = f"{record.name} {number}", number + 1
-        made.append(dataclasses.replace(record, name=name))
+def distinct_names(names: Sequence[str]) -> list[str]:
+    """The names of records, numbered where several are alike."""
+    made: list[str] = []
+    for name in names:
+        tried, number = name, 2
+        while tried.casefold() in [other.casefold() for other in made]:
+            tried, number = f"{name} {number}", number + 1
+        made.append(tried)
     return made
+
+
+def head_lines(title: str) -> list[str]:
+    """The first lines of a study that is made of files."""
+    return [
+        "# Made by pdssjax new: what is marked as a guess was read off the samples; check/ shows it.",
+        'format = "pdssjax-study/1"',
+        f"title = {quoted(title)}",
+        "",
+        "[actuator]",
+    ]
+
+
+def record_lines(name: str, roles: Roles, folder: Path, keys: Mapping[str, str]) -> list[str]:
+    """The lines of a record that say how its file is read.
+
+    **Arguments:** the `folder` of the study; `keys` of the study by quantity, for the quantities that it has of the
+    file; of a voltage the drive says which column it is.
+    """
+    layout = roles.layout
+    columns = {keys[q]: column for q, column in layout.columns.items() if q in keys and q != "voltage"}
+    guessed = [quantity for quantity in layout.columns if quantity in keys and quantity in roles.by_shape]
+    by_shape = f"  # guess: {', '.join(guessed)} told by the samples and names" if guessed else ""
+    lines = [
+        "[[record]]",
+        f"name = {quoted(name)}",
+        f"file = {quoted(Path(os.path.relpath(roles.file, folder)).as_posix())}",
+        f"columns = {{ {', '.join(f'{key} = {toml_value(column)}' for key, column in columns.items())} }}{by_shape}",
+    ]
+    if layout.interval is not None and "time" in keys:
+        lines.append(f'time = {{ interval = "{layout.interval:.9g} s" }}')
+    units = {keys[q]: unit for q, unit in layout.units.items() if q in keys and q in roles.channels}
+    if units:
+        lines.append("units = { " + ", ".join(f"{key} = {quoted(unit)}" for key, unit in units.items()) + " }")
+    if layout.decimal:
+        lines.append(f"decimal = {quoted(layout.decimal)}")
+    return lines
+
+
+def scale_lines(given: float | str | None, turned: bool, why: str) -> list[str]:
+    """The line of the scale that was `given`, with the other sign where what was measured is `turned`, and `why`."""
+    if not turned:
+        return [] if given is None else [f"scale = {toml_value(given)}"]
+    scale: float | str = -1
+    if isinstance(given, str):
+        scale = given.strip()[1:] if given.strip().startswith("-") else f"-{given.strip().lstrip('+')}"
+    elif given is not None:
+        scale = -given
+    return [f"scale = {toml_value(scale)}  # guess: {why}"]
+
+
+def toml_value(given: float | str) -> str:
+    """A number or a text as a study has it."""
+    return quoted(given) if isinstance(given, str) else f"{given:g}"
 
 
 def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: str) -> str:
@@ -79,11 +145,7 @@ def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: st
     walks = any(record.guess.measures == "effector" for record in records)
     why = _WHY_FRICTION[friction] if walks else "no record shows it, and none of its parameters is needed"
     parts = [
-        "# Made by pdssjax new: what is marked as a guess was read off the samples; check/ shows it.",
-        'format = "pdssjax-study/1"',
-        f"title = {quoted(title)}",
-        "",
-        "[actuator]",
+        *head_lines(title),
         f"piezo = {piezo if piezo in _PUT_TOGETHER else quoted(piezo)}  # guess: {_WHY_PIEZO[piezo]}",
         f'friction = "{friction}"  # guess: {why}',
         "",
@@ -229,24 +291,9 @@ def _closed(record: NewRecord) -> NewRecord:
 def _record(record: NewRecord, folder: Path, by_samples: bool) -> list[str]:
     guess, layout = record.guess, record.roles.layout
     told_by = "" if record.measures_told else f"  # guess: {_WHY_MEASURES[guess.measures]}"
-    columns = {q: name for q, name in layout.columns.items() if q != "voltage"}
-    listed = ", ".join(f"{quantity} = {_value(name)}" for quantity, name in columns.items())
-    shape = [q for q in ("time", "voltage", record.roles.motion) if q in record.roles.by_shape]
-    by_shape = f"  # guess: {', '.join(shape)} told by the samples and names" if shape else ""
-    lines = [
-        "[[record]]",
-        f"name = {quoted(record.name)}",
-        f"file = {quoted(Path(os.path.relpath(record.roles.file, folder)).as_posix())}",
-        f"columns = {{ {listed} }}{by_shape}",
-    ]
-    if layout.interval is not None:
-        lines.append(f'time = {{ interval = "{layout.interval:.9g} s" }}')
-    units = {q: unit for q, unit in layout.units.items() if q in record.roles.channels}
-    if units:
-        lines.append("units = { " + ", ".join(f"{q} = {quoted(unit)}" for q, unit in units.items()) + " }")
-    if layout.decimal:
-        lines.append(f"decimal = {quoted(layout.decimal)}")
-    lines += _scale(guess, layout.scales.get(record.roles.motion))
+    motion = record.roles.motion
+    lines = record_lines(record.name, record.roles, folder, {q: q for q in ("time", "voltage", motion)})
+    lines += scale_lines(layout.scales.get(motion), guess.turned, "the motion goes against the voltage")
     if guess.velocity is None:
         lines.append(f'measures = "{guess.measures}"{told_by}')
     else:
@@ -317,18 +364,6 @@ def _shown(guess: RecordGuess, number: float) -> str:
     return f"{guess.display.scale * number:.3g} {guess.display.unit}"
 
 
-def _scale(guess: RecordGuess, given: float | str | None) -> list[str]:
-    """The scale of the motion that was `given`, with the sign that turns it."""
-    if not guess.turned:
-        return [] if given is None else [f"scale = {_value(given)}"]
-    turned: float | str = -1
-    if isinstance(given, str):
-        turned = given.strip()[1:] if given.strip().startswith("-") else f"-{given.strip().lstrip('+')}"
-    elif given is not None:
-        turned = -given
-    return [f"scale = {_value(turned)}  # guess: the motion goes against the voltage"]
-
-
 def _drive(record: NewRecord) -> list[str]:
     wave = record.guess.waveform
     if wave.name == "sampled":
@@ -354,9 +389,5 @@ def _drive(record: NewRecord) -> list[str]:
 def drive_of_samples(record: NewRecord, further: str = "") -> str:
     """The line of a study that takes a record's voltage as it was sampled, with `further` keys (", ..." each)."""
     layout = record.roles.layout
-    scale = f", scale = {_value(layout.scales['voltage'])}" if "voltage" in layout.scales else ""
-    return f'drive = {{ waveform = "sampled", column = {_value(layout.columns["voltage"])}{scale}{further} }}'
-
-
-def _value(given: float | str) -> str:
-    return quoted(given) if isinstance(given, str) else f"{given:g}"
+    scale = f", scale = {toml_value(layout.scales['voltage'])}" if "voltage" in layout.scales else ""
+    return f'drive = {{ waveform = "sampled", column = {toml_value(layout.columns["voltage"])}{scale}{further} }}'

@@ -5,7 +5,6 @@
 """
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -17,12 +16,11 @@ from ..core import Document, InputError, choices, quantities
 from ..design import Plan, PlannedRecord, Rehearsal
 from ..report.text import format_design
 from ..study import Study
-from .estimate_json import read_estimate
-from .estimate_results import write_estimate
+from .estimate_results import read_estimate, write_estimate
 from .json_text import json_text
-from .prediction_results import file_stems
-from .recording_results import write_csv
+from .record_results import file_stems, write_csv
 from .results_folder import staging_folder
+from .study_copy import move_files
 
 MEASURED = "measured"
 """Folder beside a plan's study in which its records are to be put."""
@@ -80,7 +78,7 @@ def plan_study(plan: Plan, source: Path, design: Document, folder: Path, *, toge
     document.add("design", _toml(design))
     records = tomlkit.aot()
     for record in so_far if together else []:
-        _move_files(record, source.parent, folder)
+        move_files(record, source.parent, folder)
         records.append(record)
     taken = {str(record.get("name", "")) for record in (so_far if together else [])}
     for stem, planned in zip(file_stems(plan.records), plan.records, strict=True):  # pyright: ignore[reportArgumentType]
@@ -99,14 +97,6 @@ def _set_numbers(parameters: TomlTable, plan: Plan) -> None:
         entry = parameters[path]
         if number is not None and "standard_error" not in entry:
             entry["start" if parameter.free else "value"] = float(f"{number:.9g}")
-
-
-def _move_files(record: TomlTable, before: Path, after: Path) -> None:
-    """Files are named from where the plan is."""
-    for table in (record, record.get("drive")):
-        if isinstance(table, dict) and "file" in table and not Path(table["file"]).is_absolute():
-            path = os.path.relpath((before / table["file"]).absolute(), after.absolute())
-            table["file"] = Path(path).as_posix()
 
 
 def _record(study: Study, planned: PlannedRecord, stem: str, taken: set[str]) -> TomlTable:

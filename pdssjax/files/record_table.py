@@ -12,8 +12,7 @@ from ..drive.base import AbstractDrive
 from ..metrics import decimated, fresh_samples
 from ..study import MARK, STEP_TIME, AbstractMeasurement, Record, check_increasing, check_meets_drive, split_path
 from .drive_table import conditioned, read_drive, rest_before
-from .layout_table import record_layout
-from .record_columns import Columns, Layout, read_columns
+from .record_columns import Columns, Layout, read_columns, record_layout
 from .toml_table import Table
 
 
@@ -50,26 +49,18 @@ def _fresh(table: Table, measured: Float[np.ndarray, " samples"]) -> Bool[np.nda
     """The samples at which a sensor shows a new value, where the record says with `held` at every how many it does."""
     if "held" not in table.entries:
         return np.ones(measured.size, bool)
-    every = table.get("held", int, "a whole number such as 2")
-    if isinstance(table.entries["held"], bool) or not 2 <= every <= measured.size // 2:
-        raise InputError(
-            f"{table.at('held')}: found {table.entries['held']} of {measured.size} samples, "
-            "expected a whole number from 2 on, and at most half as many as there are samples."
-        )
-    return fresh_samples(measured, every)
+    most = measured.size // 2
+    expected = f"a whole number from 2 on, and at most half of the {measured.size} samples"
+    return fresh_samples(measured, table.whole("held", expected, least=2, most=most))
 
 
 def _decimated(table: Table, columns: Columns, stretch: np.ndarray) -> dict[str, np.ndarray]:
     """The columns, low-passed and thinned where the record says `decimate`; not across what was left out."""
     if "decimate" not in table.entries:
         return columns.data
-    by = table.get("decimate", int, "a whole number such as 10")
     time = columns.data["time"]
-    if isinstance(table.entries["decimate"], bool) or not 2 <= by <= time.size:
-        raise InputError(
-            f"{table.at('decimate')}: found {table.entries['decimate']} of {time.size} samples, "
-            "expected a whole number from 2 on, and fewer than there are samples."
-        )
+    expected = f"a whole number from 2 on, and no more than the {time.size} samples"
+    by = table.whole("decimate", expected, least=2, most=time.size)
     steps = np.diff(time)[np.diff(stretch) == 0]
     if steps.size == 0 or np.ptp(steps) > 0.02 * np.median(steps):
         raise InputError(

@@ -6,7 +6,6 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TypeAlias
 
 from ..core import InputError
 from .file_lock import UNFINISHED, folder_lock, is_leftover
@@ -47,7 +46,7 @@ _RESULTS = (
 """Names that a folder of results may hold, the one that tells most last."""
 
 
-_DRAWS, CANDIDATES = "draws.jsonl", "candidates"
+DRAWS, CANDIDATES = "draws.jsonl", "candidates"
 """Lie beside them and are not replaced with them: a run that is broken off goes on with them."""
 
 
@@ -66,7 +65,7 @@ def check_free(folder: Path, overwrite: bool) -> None:
 
     **Raises:** `InputError` if it holds results and `overwrite` is false, or cannot be written to.
     """
-    held = [name for name in (*_RESULTS, _DRAWS, CANDIDATES) if (folder / name).exists()]
+    held = [name for name in (*_RESULTS, DRAWS, CANDIDATES) if (folder / name).exists()]
     if held and not overwrite:
         raise InputError(
             f"{folder}: found results already ({', '.join(held)}); expected another folder, or --overwrite."
@@ -97,13 +96,6 @@ def write_aside(write: Callable[[Path], None]) -> Path:
     return folder
 
 
-_Contents: TypeAlias = dict[str, tuple[int, int]]
-"""Number and time of the last change of each file or folder of the results, by name."""
-
-_reserved: dict[Path, _Contents] = {}
-"""Contents of the folders that commands of this process have reserved, as far as they know."""
-
-
 @contextlib.contextmanager
 def reserved_folder(folder: Path, overwrite: bool) -> Iterator[None]:
     """Reserve `folder` for the results of this process: no other process writes there.
@@ -114,12 +106,7 @@ def reserved_folder(folder: Path, overwrite: bool) -> Iterator[None]:
     with folder_lock(folder):
         # Another process may have put results there before the lock was taken.
         check_free(folder, overwrite)
-        place = folder.resolve()
-        _reserved[place] = _contents(place, _RESULTS)
-        try:
-            yield
-        finally:
-            del _reserved[place]
+        yield
 
 
 @contextlib.contextmanager
@@ -130,33 +117,17 @@ def staging_folder(folder: Path, names: Sequence[str] = _RESULTS) -> Iterator[Pa
     takes the place of the old one in one stroke, after the others of the old results are gone and before those of the
     new ones come: whoever is killed meanwhile leaves it whole, old or new, and nothing beside it that is not its own.
 
-    **Raises:** `InputError` where another process has the folder, `FileExistsError` where other results have come into
-    it since this one has reserved it.
+    **Raises:** `InputError` where another process has the folder.
     """
     with folder_lock(folder), tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=folder) as temporary:
-        staging, place = Path(temporary), folder.resolve()
+        staging = Path(temporary)
         yield staging
-        if place in _reserved and _reserved[place] != _contents(place, _RESULTS):
-            raise FileExistsError("other results have come into it meanwhile")
-        try:
-            written = [name for name in reversed(names) if (staging / name).exists()]
-            for name in reversed(names):
-                if name not in written[:1] or (folder / name).is_dir():
-                    _remove(folder / name)
-            for name in written:
-                (staging / name).replace(folder / name)
-        finally:
-            if place in _reserved:
-                _reserved[place] = _contents(place, _RESULTS)
-
-
-def _contents(folder: Path, names: Sequence[str]) -> _Contents:
-    found: _Contents = {}
-    for name in names:
-        with contextlib.suppress(OSError):
-            told = (folder / name).stat()
-            found[name] = told.st_ino, told.st_mtime_ns
-    return found
+        written = [name for name in reversed(names) if (staging / name).exists()]
+        for name in reversed(names):
+            if name not in written[:1] or (folder / name).is_dir():
+                _remove(folder / name)
+        for name in written:
+            (staging / name).replace(folder / name)
 
 
 def _remove(path: Path) -> None:
@@ -164,3 +135,32 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
+
+
+def write_whole(file: Path, content: bytes) -> None:
+    """Write a `file` beside its place and rename it, so that it is whole at any moment, and then on the disk."""
+    beside = file.with_name(f"{UNFINISHED}{file.name}")
+    try:
+        with beside.open("wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        beside.replace(file)
+    finally:
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
+
+
+EXAMPLE = Path(__file__).parents[1] / "example"
+"""Folder of the packaged study."""
+
+
+def copy_example(folder: Path) -> None:
+    """Copy the packaged example into `folder`, all of it or nothing.
+
+    **Raises:** `InputError` where the folder holds something already, or cannot be written to.
+    """
+    check_empty(folder)
+    with staging_folder(folder, sorted(path.name for path in EXAMPLE.iterdir())) as staging:
+        for path in EXAMPLE.iterdir():
+            shutil.copyfile(path, staging / path.name)

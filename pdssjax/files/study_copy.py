@@ -1,9 +1,9 @@
 """Writes a study anew with other numbers: starts of what is free, values of what is fixed, drives of records."""
 
+import contextlib
 import math
 import os
 import re
-import tempfile
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +11,7 @@ from pathlib import Path
 import tomlkit
 
 from ..core import Document, InputError
+from .file_lock import UNFINISHED
 from .study_toml import FORMAT, load_study
 
 _HEAD = "# Made by pdssjax explore from"
@@ -37,26 +38,17 @@ def save_study(
     _check_target(source, target, overwrite)
     text = _text(source, target, values, drives)
     # Beside its place, so that relative paths lead to the same files once it has its name.
-    handle, name = tempfile.mkstemp(".toml", ".unfinished-", target.parent)
-    os.close(handle)
-    made = Path(name)
+    made = target.with_name(f"{UNFINISHED}{target.name}")
     try:
         made.write_text(text, encoding="utf-8")
-        made.chmod(0o644)
         _check(made, target)
-        _move(made, target, overwrite)
+        made.replace(target)
     finally:
         made.unlink(missing_ok=True)
     return target
 
 
 def _check_target(source: Path, target: Path, overwrite: bool) -> None:
-    try:
-        os.stat(target)
-    except ValueError:
-        raise InputError(f"found {str(target)!r}, expected a name that a file can have.") from None
-    except OSError:  # nothing is there yet, or what follows says what is wrong
-        pass
     if target.suffix != ".toml":
         raise InputError(f'{target}: found a name that does not end in ".toml", expected that of a study.')
     if not target.parent.is_dir():
@@ -71,13 +63,10 @@ def _check_target(source: Path, target: Path, overwrite: bool) -> None:
 
 def _is_study(path: Path) -> bool:
     """Whether a file says that it is a study, of any version of the format."""
-    if not path.is_file():
-        return False
-    try:
-        format_ = tomllib.loads(path.read_text(encoding="utf-8-sig")).get("format")
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
-        return False
-    return isinstance(format_, str) and format_.startswith(FORMAT.partition("/")[0] + "/")
+    with contextlib.suppress(OSError, ValueError):
+        found = tomllib.loads(path.read_text(encoding="utf-8-sig")).get("format")
+        return isinstance(found, str) and found.startswith(FORMAT.partition("/")[0] + "/")
+    return False
 
 
 def _text(
@@ -101,19 +90,18 @@ def _text(
         if "standard_error" not in entry:  # what was measured apart stays what it was
             entry["value" if "value" in entry else "start"] = number
     for record in document.get("record", []):
-        _move_files(record, source.parent, target.parent)
+        move_files(record, source.parent, target.parent)
         changed = drives.get(record.get("name", Path(record["file"]).stem), {})
         if changed:
             record["drive"].update(changed)
     return f"{_HEAD} {source.name}; numbers without a unit are in SI.\n{tomlkit.dumps(document)}"
 
 
-def _move_files(record: Document, before: Path, after: Path) -> None:
-    """Files are named from where the study will be."""
-    tables = [record, record["drive"]] if isinstance(record.get("drive"), dict) else [record]
-    for table in tables:
-        if "file" in table and not Path(table["file"]).is_absolute():
-            table["file"] = Path(os.path.relpath((before / table["file"]).absolute(), after)).as_posix()
+def move_files(record: Document, before: Path, after: Path) -> None:
+    """Name the files of a `record` relative to the folder `after`, which were so to the folder `before`."""
+    for table in (record, record.get("drive")):
+        if isinstance(table, dict) and "file" in table and not Path(table["file"]).is_absolute():
+            table["file"] = Path(os.path.relpath((before / table["file"]).absolute(), after.absolute())).as_posix()
 
 
 def _check(made: Path, target: Path) -> None:
@@ -122,15 +110,3 @@ def _check(made: Path, target: Path) -> None:
         load_study(made)
     except InputError as error:
         raise InputError(str(error).replace(str(made), str(target))) from None
-
-
-def _move(made: Path, target: Path, overwrite: bool) -> None:
-    if overwrite:
-        made.replace(target)
-        return
-    try:
-        os.link(made, target)  # fails where something has come there meanwhile
-    except FileExistsError:
-        raise InputError(f"{target}: found a file there already, expected another name.") from None
-    except OSError:  # a disk without links
-        made.rename(target)

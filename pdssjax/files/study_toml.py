@@ -247,8 +247,4 @@ def _with_hysteresis(table: Table, made: Composition) -> Composition:
 
 def _count(table: Table, key: str, default: int, what: str = "") -> int:
     most = MOST[what or key]
-    expected = f"a whole number from 1 to {most}"
-    found = table.get(key, int, expected, default)
-    if isinstance(found, bool) or not 1 <= found <= most:
-        raise InputError(f"{table.at(key)}: found {str(found).lower()}, expected {expected}.")
-    return found
+    return table.whole(key, f"a whole number from 1 to {most}", default, most=most)

@@ -1,23 +1,27 @@
-"""Keeps a sweep on disk while it runs: a Zarr store, so that what was done outlives an interruption.
+"""A sweep on the disk: a Zarr store while it runs, so that what was done outlives an interruption, and its results.
 
-One process writes it, which has the lock of a file beside it, a whole chunk a block: first what was found, then its
-digest, then the block's status.  Zarr writes a chunk to a temporary file and renames it, so that a chunk is there whole
-or not at all; a block whose status is not there is computed again.  Zarr's chunks have no checksum, and a bit that
-flipped on the disk is another number: the digest is of the job, the number of the block, its points and what was found
-there, and a block that does not match it when it is read is computed again.  The store is made beside its place and
-renamed, too.
+One process writes the store, which has the lock of a file beside it, a whole chunk a block: first what was found, then
+its digest, then the block's status.  Zarr writes a chunk to a temporary file and renames it, so that a chunk is there
+whole or not at all; a block whose status is not there is computed again.  Zarr's chunks have no checksum, and a bit
+that flipped on the disk is another number: the digest is of the job, the number of the block, its points and what was
+found there, and a block that does not match it when it is read is computed again.  The store is made beside its place
+and renamed, too.
+
+The results are the dataset, or the border that was looked for, with figures.  They have a digest as well.
 """
 
 import contextlib
 import dataclasses
 import hashlib
 import importlib.metadata
+import importlib.util
+import json
 import shutil
 import tempfile
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -25,6 +29,11 @@ from jaxtyping import Float, Int, UInt8
 from ..core import Document, InputError, InputWarning
 from ..sweeps import AbstractBlockStore, BlockPlan, blank, columns_of, differences, extended, job_text
 from .file_lock import file_lock
+from .record_results import write_numbers
+from .results_folder import staging_folder
+
+if TYPE_CHECKING:
+    import xarray
 
 SWEEP_STORE = "points.zarr"
 """Name of the store, in the folder of a sweep's results."""
@@ -254,13 +263,12 @@ def _check_arrays(group: Group, columns: int, plan: BlockPlan) -> None:
     """
     for name, expected in _arrays(columns, plan).items():
         found = group[name]
-        is_long = len(found.shape) == len(expected.shape) and found.shape[0] >= expected.shape[0]
-        if str(found.dtype) != expected.dtype or not is_long or found.shape[1:] != expected.shape[1:]:
-            told = f"{found.dtype} of shape {found.shape} in place of {expected.dtype} of shape {expected.shape}"
-            raise ValueError(f"{name}: {told}")
         # What is in a chunk of its own can be lost, and be computed again, without the others.
-        if name not in ("values", "order") and found.chunks != expected.chunks:
-            raise ValueError(f"{name}: chunks of {found.chunks} in place of {expected.chunks}")
+        chunks = found.chunks if name in ("values", "order") else expected.chunks
+        same = (str(found.dtype), found.chunks, found.shape[1:]) == (expected.dtype, chunks, expected.shape[1:])
+        if not same or found.shape[0] < expected.shape[0]:
+            there = f"{found.dtype} of shape {found.shape} in chunks of {found.chunks}"
+            raise ValueError(f"{name}: {there} in place of {expected.dtype} of shape {expected.shape}")
 
 
 def _opened(place: Path) -> Group:
@@ -282,9 +290,9 @@ def _resumed(place: Path, group: Group, document: Document, plan: BlockPlan) -> 
     **Raises:** `InputError` that says what differs where the store is that of another sweep.
     """
     other = differences(document, group.attrs["job"])
-    points, lanes = (_whole_attribute(group, name) for name in ("points", "lanes"))
+    points = int(group.attrs["points"])
     # Begun on a machine with other devices, it goes on in the blocks that it has.
-    plan = dataclasses.replace(plan, lanes=lanes)
+    plan = dataclasses.replace(plan, lanes=group["found"].chunks[0])
     whole = None if other else extended(plan, np.asarray(group["values"][:points]))
     if whole is None:
         other = other or [f"{points} points, not all of them among these {len(plan.order)}"]
@@ -293,20 +301,9 @@ def _resumed(place: Path, group: Group, document: Document, plan: BlockPlan) -> 
             f"{place}: found the store of another sweep ({'; '.join(other[:3])}{more}); expected that of this one, "
             "another folder, or --overwrite."
         )
-    if "digest" not in group:
-        # Made by a version that kept none: its blocks are computed again.
-        group.create_array("digest", **_arrays(columns_of(document), whole)["digest"]._asdict())
     if len(whole.order) > points:
         _extend(group, whole, points)
     return whole
-
-
-def _whole_attribute(group: Group, name: str) -> int:
-    """An attribute that is a positive integer, of points also 0; **raises** `ValueError` where it is none."""
-    number: object = group.attrs[name]
-    if isinstance(number, bool) or not isinstance(number, int) or number < (name == "lanes"):
-        raise ValueError(f"{name} = {number!r:.40}")
-    return number
 
 
 def _extend(group: Group, plan: BlockPlan, points: int) -> None:
@@ -321,3 +318,98 @@ def _extend(group: Group, plan: BlockPlan, points: int) -> None:
     group["values"][points:] = plan.values[points:]
     group["order"][:] = plan.order
     group.attrs["points"] = len(plan.order)
+
+
+def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
+    """Put a sweep's `xarray.Dataset` into `folder` as sweep.nc or sweep.zarr, with its map and `parameters.json`.
+
+    A sweep of both directions has `directions.png`, too.  A single point has no map, one of each direction no figure
+    beside it.
+    """
+    from ..report.figures import directions_figure, save_figure, sweep_figure
+    from ..sweeps import ALONG
+
+    with staging_folder(folder) as staging:
+        _put(data, staging, "sweep", store)
+        if data.sizes:
+            save_figure(sweep_figure(data), staging / "sweep.png")
+        if data.sizes.get(ALONG) == 2 and len(data.sizes) > 1:
+            save_figure(directions_figure(data), staging / "directions.png")
+
+
+def write_border(data: "xarray.Dataset", folder: Path, store: str) -> None:
+    """Put what `find_border` found into `folder` as border.nc or border.zarr, drawn, with `parameters.json`."""
+    from ..report.figures import border_figure, save_figure
+
+    with staging_folder(folder) as staging:
+        _put(data, staging, "border", store)
+        save_figure(border_figure(data), staging / "border.png")
+
+
+def _put(data: "xarray.Dataset", staging: Path, name: str, store: str) -> None:
+    write_numbers(json.loads(data.attrs["parameters"]), staging)
+    data = data.assign_attrs({_CHECKSUM: _checksum(data)})
+    if store == "zarr":
+        # Only format 2 specifies consolidated metadata; without, whoever opens the store is warned.
+        data.to_zarr(staging / f"{name}.zarr", zarr_format=2, consolidated=True)
+    else:
+        data.to_netcdf(staging / f"{name}.nc", engine="scipy")
+
+
+_CHECKSUM = "digest"
+"""The attribute with the digest of a dataset: neither format has checksums, and a flipped bit is another number."""
+
+
+def _checksum(data: "xarray.Dataset") -> str:
+    """The digest of all numbers, names and attributes of `data`, the same before writing and after reading."""
+    digest = hashlib.sha256(_plain({name: value for name, value in data.attrs.items() if name != _CHECKSUM}))
+    for name in sorted(map(str, data.variables)):
+        variable = data[name]
+        values = np.asarray(variable.values)
+        digest.update(_plain([name, variable.dims, variable.attrs]))
+        # Formats keep integers in types of their own, and NaN has many forms.
+        numbers = values.astype("<f8") if values.dtype.kind in "iufb" else values.astype(str)
+        digest.update(
+            np.where(numbers != numbers, np.nan, numbers).tobytes() if numbers.dtype.kind == "f" else _plain(numbers)
+        )
+    return digest.hexdigest()
+
+
+def _plain(value: object) -> bytes:
+    """A value as text that is the same for the same numbers, whatever their types."""
+    as_number = lambda entry: np.asarray(entry).tolist() if hasattr(entry, "dtype") else str(entry)
+    numbers = lambda entry: float(entry) if isinstance(entry, int | float | np.number) else entry
+    if isinstance(value, dict):
+        value = {name: numbers(entry) for name, entry in value.items()}
+    return json.dumps(value, sort_keys=True, default=as_number).encode()
+
+
+def check_store(store: str) -> None:
+    """Refuse a format of `write_sweep` that cannot be written here."""
+    if store == "zarr" and importlib.util.find_spec("zarr") is None:
+        raise InputError('option --store: found zarr, which is not installed; expected netcdf, or "pip install zarr".')
+
+
+def read_sweep(folder: Path) -> "xarray.Dataset":
+    """The dataset that `write_sweep` put into `folder`, in memory.
+
+    **Raises:** `InputError` where there is none, one that cannot be read, or one that was changed since.
+    """
+    import xarray
+
+    engines = {"sweep.nc": "scipy", "sweep.zarr": "zarr"}
+    held = [name for name in engines if (folder / name).exists()]
+    if not held:
+        raise InputError(f"{folder}: found no {' or '.join(engines)}, expected the results of pdssjax sweep.")
+    try:
+        with xarray.open_dataset(folder / held[0], engine=engines[held[0]]) as opened:
+            data = opened.load()
+    except Exception as error:  # what reads them raises errors of many types
+        raise InputError(f"{folder / held[0]}: cannot be read ({error}), expected a sweep.") from None
+    # Of an older version it has none.
+    if data.attrs.get(_CHECKSUM, "") not in ("", _checksum(data)):
+        raise InputError(
+            f"{folder / held[0]}: found numbers that do not match their digest, expected the file as pdssjax sweep "
+            "wrote it; the sweep's command with --resume writes it again."
+        )
+    return data

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Iterable
 from typing import Any, TypeVar, overload
 
@@ -74,6 +75,13 @@ class Table:
         value = self.get(key, object, expected, default)
         return default if value is default else to_si(value, unit, self.at(key))
 
+    def whole(self, key: str, expected: str, default: int = _REQUIRED, least: int = 1, most: float = math.inf) -> int:
+        """A whole number from `least` to `most`; `expected` says so in words."""
+        value = self.get(key, object, expected, default)
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+            raise InputError(f"{self.at(key)}: found {_shown(value)}, expected {expected}.")
+        return value
+
     def quantity(self, key: str, declared: Quantity) -> float:
         """A legal value of a `declared` quantity, in its SI unit."""
         value = self.number(key, declared.unit)
@@ -88,6 +96,8 @@ class Table:
 def _shown(value: object) -> str:
     if isinstance(value, dict):
         return "a table"
+    if isinstance(value, bool):
+        return str(value).lower()
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 

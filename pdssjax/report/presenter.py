@@ -11,13 +11,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..core import Figure, InputError, decimals_for, display_unit, draw_in_notebook, member_name, percent, rounded
+from ..core import Figure, InputError, display_unit, draw_in_notebook, member_name, rounded
 from ..design import Plan
 from ..selection import Comparison
 from ..simulation import TRAJECTORY_UNITS, Trajectory
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Record, Study
 from .page import Table, plan_html, table_html
-from .text import selection_sentences
+from .text import parameter_cells, selection_sentences
 
 
 def as_html(shown: object) -> str:
@@ -153,16 +153,14 @@ def _outcome(estimate: Estimate) -> str:
 
 
 def _fitted_parameter(parameter: FittedParameter) -> list[str]:
-    unit, scale = display_unit(parameter.unit)
-    places = decimals_for(parameter.standard_error * scale)
-    low, high = (rounded(end * scale, places) for end in parameter.interval)
+    cells, free = parameter_cells(parameter), parameter.free
     return [
         parameter.path,
-        rounded(parameter.value * scale, places),
-        rounded(parameter.standard_error * scale, places) if parameter.free else "",
-        percent(parameter.standard_error, parameter.value) if parameter.free else "",
-        unit,
-        f"{low} .. {high}" if parameter.free and parameter.identifiable else "",
+        cells.value,
+        cells.error if free else "",
+        cells.share if free else "",
+        cells.unit,
+        f"{cells.low} .. {cells.high}" if free and parameter.identifiable else "",
         parameter.remark,
     ]
 

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from ..core import InputError, InputWarning
 from ..study import Study
+from .dataset import coordinates_of
 from .points import Grid, Listed, check_ranges
 from .sweeping import PlannedSweep, plan_sweep, sweep
 
@@ -127,14 +128,6 @@ def _labelled(
         "border": (names, border.reshape(shape), {"units": unit, "long_name": said}),
         "passes": (names, passes.reshape(shape), {"long_name": "how often the level is passed on the coarse grid"}),
     }
-    coordinates = {
-        found.replace(".", "_"): (
-            dimension,
-            values,
-            {"units": planned.declared[found].unit or "1", "long_name": found},
-        )
-        for found, (dimension, values) in grid.coordinates().items()
-    }
     told = {"title": planned.study.title, "record": planned.base.name, "cycles": planned.function.cycle.described}
     numbers = {"parameters": json.dumps(planned.used)}
-    return xarray.Dataset(data, coordinates, told | dict(asked) | numbers)
+    return xarray.Dataset(data, coordinates_of(grid, planned.declared), told | dict(asked) | numbers)

@@ -8,7 +8,7 @@ so that first order does not do (`SigmaPoints`).
 import dataclasses
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -46,10 +46,6 @@ def labelled(
     meanings = "; ".join(f"{i}: {sentence or 'none'}" for i, sentence in enumerate(POINT_FAILURES))
     failure = found[:, -1].astype(np.int8).reshape(shape)
     data["failure"] = (names, failure, {"long_name": "why a point has no value", "meanings": meanings})
-    coordinates = {
-        path.replace(".", "_"): (dimension, values, {"units": declared[path].unit or "1", "long_name": path})
-        for path, (dimension, values) in points.coordinates().items()
-    }
     attributes = {
         "title": study.title,
         "record": base.name,
@@ -64,7 +60,15 @@ def labelled(
     }
     # What the study says of its drives is what was run with, not the record's own defaults.
     held = of_drive | {path: told["value"] for path, told in used.items()}
-    return xarray.Dataset(data, coordinates, attributes | held)
+    return xarray.Dataset(data, coordinates_of(points, declared), attributes | held)
+
+
+def coordinates_of(points: AbstractPoints, declared: Mapping[str, Quantity]) -> dict[str, tuple[Any, ...]]:
+    """The coordinates of the `points`: by name, dimension, values and attributes, as xarray takes them."""
+    return {
+        path.replace(".", "_"): (dimension, values, {"units": declared[path].unit or "1", "long_name": path})
+        for path, (dimension, values) in points.coordinates().items()
+    }
 
 
 def _scattered(study: Study, points: AbstractPoints, declared: Mapping[str, Quantity]) -> dict[str, UsedNumber]:

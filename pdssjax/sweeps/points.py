@@ -41,10 +41,8 @@ class Scatter(NamedTuple):
 class AbstractPoints(abc.ABC):
     """Points of a sweep, each a number [SI] for every path: a quantity of the drive or a parameter of the models."""
 
-    @property
-    @abc.abstractmethod
-    def paths(self) -> tuple[str, ...]:
-        """Paths of the numbers that differ from point to point, such as "drive.voltage"."""
+    paths: tuple[str, ...]
+    """Paths of the numbers that differ from point to point, such as "drive.voltage"."""
 
     @abc.abstractmethod
     def dimensions(self) -> dict[str, int]:
@@ -101,12 +99,9 @@ class Grid(AbstractPoints):
 
     def __init__(self, axes: Mapping[str, Float[ArrayLike, " values"]]):
         self.axes = {path: np.atleast_1d(np.asarray(values, float)) for path, values in axes.items()}
+        self.paths = tuple(self.axes)
         for path, values in self.axes.items():
             check_values(path, values)
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        return tuple(self.axes)
 
     def dimensions(self) -> dict[str, int]:
         return {path.replace(".", "_"): values.size for path, values in self.axes.items()}
@@ -127,15 +122,12 @@ class Listed(AbstractPoints):
 
     def __init__(self, columns: Mapping[str, Float[ArrayLike, " points"]]):
         self.columns = {path: np.atleast_1d(np.asarray(values, float)) for path, values in columns.items()}
+        self.paths = tuple(self.columns)
         for path, values in self.columns.items():
             check_values(path, values)
         lengths = {path: values.size for path, values in self.columns.items()}
         if len(set(lengths.values())) != 1:
             raise InputError(f"sweep: found a list with columns of lengths {lengths}, expected columns of one length.")
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        return tuple(self.columns)
 
     def dimensions(self) -> dict[str, int]:
         return {"point": next(iter(self.columns.values())).size}
@@ -155,14 +147,11 @@ class AbstractSample(AbstractPoints):
     def __init__(self, ranges: Mapping[str, tuple[float, float]], count: int, seed: int = 0):
         check_ranges(ranges, count)
         self.ranges, self.count, self.seed = dict(ranges), count, seed
+        self.paths = tuple(self.ranges)
 
     @abc.abstractmethod
     def unit_cube(self, paths: int) -> Float[np.ndarray, "points paths"]:
         """`count` points in the unit cube; the same for the same seed."""
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        return tuple(self.ranges)
 
     def dimensions(self) -> dict[str, int]:
         return {"point": self.count}
@@ -206,12 +195,8 @@ class CovarianceDraws(AbstractPoints):
             raise InputError(
                 "sweep: found no finite covariance to draw from, expected an estimate with standard errors."
             )
-        self._paths, self.means, self.positive = tuple(paths), np.asarray(means, float), np.asarray(positive, bool)
+        self.paths, self.means, self.positive = tuple(paths), np.asarray(means, float), np.asarray(positive, bool)
         self.covariance, self.count, self.seed = np.asarray(covariance, float), count, seed
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        return self._paths
 
     def dimensions(self) -> dict[str, int]:
         return {"draw": self.count}
@@ -249,21 +234,17 @@ class GivenDraws(AbstractPoints):
     """
 
     def __init__(self, paths: Sequence[str], values: Float[np.ndarray, "draws paths"], count: int | None = None):
-        self._paths, given = tuple(paths), np.asarray(values, float)
-        if given.ndim != 2 or given.shape[1] != len(self._paths) or not len(given):
+        self.paths, given = tuple(paths), np.asarray(values, float)
+        if given.ndim != 2 or given.shape[1] != len(self.paths) or not len(given):
             raise InputError(
-                f"sweep: found draws of shape {given.shape}, expected a row a draw and {len(self._paths)} columns."
+                f"sweep: found draws of shape {given.shape}, expected a row a draw and {len(self.paths)} columns."
             )
         if count is not None and count < 1:
             raise InputError(f"sweep: found {count} draws, expected at least 1.")
-        for path, column in zip(self._paths, given.T, strict=True):
+        for path, column in zip(self.paths, given.T, strict=True):
             check_values(path, column)
         number = min(len(given), count or len(given))
         self._values = given[np.linspace(0, len(given) - 1, number).round().astype(int)]
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        return self._paths
 
     def dimensions(self) -> dict[str, int]:
         return {"draw": len(self._values)}
@@ -288,11 +269,7 @@ class SigmaPoints(AbstractPoints):
 
     def __init__(self, draws: CovarianceDraws):
         """Sigma points about the means of `draws`, with their covariance."""
-        self.draws = draws
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        return self.draws.paths
+        self.draws, self.paths = draws, draws.paths
 
     def dimensions(self) -> dict[str, int]:
         return {"sigma_point": 1 + 4 * len(self.paths)}
@@ -324,10 +301,7 @@ class Crossed(AbstractPoints):
                 f'sweep: found two sets of points along "{twice[0]}", expected a grid with a list or sample.'
             )
         self.outer, self.inner = outer, inner
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        return (*self.outer.paths, *self.inner.paths)
+        self.paths = (*outer.paths, *inner.paths)
 
     def dimensions(self) -> dict[str, int]:
         return self.outer.dimensions() | self.inner.dimensions()

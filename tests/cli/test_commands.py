@@ -51,7 +51,7 @@ def test_both_methods_are_compared_side_by_side(calls, tmp_path, capsys):
     assert (tmp_path / "joint" / "estimate.json").exists()
     assert (tmp_path / "sequential" / "estimate.json").exists()
     shown = capsys.readouterr()
-    assert "[[Sequential against joint]]" in shown.out
+    assert "[[Joint and sequential side by side]]" in shown.out
     assert "pdssjax: without peaks: rig.toml: found no step, expected one.\n" in shown.err
     assert (tmp_path / "comparison.txt").read_text() in shown.out
     assert (tmp_path / "comparison.png").read_bytes().startswith(b"\x89PNG")

@@ -70,10 +70,10 @@ def test_a_picture_that_is_none_and_a_text_of_other_letters_are_refused(tmp_path
 
 
 def test_pictures_beyond_what_can_be_mailed_are_named(tmp_path, monkeypatch):
-    from pdssjax.files import results_page
+    from pdssjax.files import estimate_folder
 
     Figure().savefig(tmp_path / "large.png")
-    monkeypatch.setattr(results_page, "_MOST_BYTES", 10)
+    monkeypatch.setattr(estimate_folder, "_MOST_BYTES", 10)
     assert main(["report", str(tmp_path)]) == 0
     assert "too large to send: large.png." in (tmp_path / "report.html").read_text(encoding="utf-8")
 

@@ -14,7 +14,7 @@ from pdssjax.cli.main import main
 try:
     main(sys.argv[1:])
 finally:
-    print("loaded:", *(name for name in ("jax", "numpy", "pint", "shutil", "threading") if name in sys.modules))
+    print("loaded:", *(name for name in ("jax", "numpy", "pint", "threading") if name in sys.modules))
 """
 
 

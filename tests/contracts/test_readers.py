@@ -56,6 +56,12 @@ def test_the_same_samples_come_from_every_format(tmp_path, name):
     assert read.begin == pytest.approx(made.START)
 
 
+def set_block(monkeypatch, reader, samples):
+    """Give blocks so many `samples`, in the module of the `reader` and in its base, which cuts arrays in memory."""
+    for module in (type(reader).__module__, base.__name__):
+        monkeypatch.setattr(sys.modules[module], "BLOCK", samples, raising=False)
+
+
 @pytest.mark.parametrize("name", [*made.TEXTS, *made.FORMATS])
 def test_blocks_join_to_the_whole_and_may_begin_anywhere(tmp_path, name, monkeypatch):
     file = written(tmp_path, name)
@@ -65,8 +71,7 @@ def test_blocks_join_to_the_whole_and_may_begin_anywhere(tmp_path, name, monkeyp
     apart = [block.values for block in open_file(file).blocks(numbers)]
     np.testing.assert_array_equal(apart, whole)
     assert len(whole) == 1 and whole[0].shape == (made.COUNT, 2)
-    module = sys.modules[type(reader).__module__]
-    monkeypatch.setattr(module, "BLOCK", 70)
+    set_block(monkeypatch, reader, 70)
     for first in (0, 69, 70, 200):
         parts = list(reader.blocks(numbers, first))
         assert len(parts) > 3
@@ -308,7 +313,7 @@ def test_memory_is_that_of_a_block_and_of_the_window_alone(tmp_path, ending, mon
             for begin in range(0, count, block):
                 part = 1e-6 * np.arange(begin, begin + block)
                 stored.write_segment([nptdms.ChannelObject("run", name, part) for name in "tux"])
-    monkeypatch.setattr(sys.modules[type(reader_of(file)).__module__], "BLOCK", block)
+    set_block(monkeypatch, reader_of(file), block)
     read, peak = peak_memory(file, (0.0999995, 0.1009995))
     assert read.time.size == 1000
     assert read.time[0] == pytest.approx(0.1) and read.begin == 0.0

@@ -10,8 +10,7 @@ from walking_study import write_walking
 
 from pdssjax import InputError, load_study
 from pdssjax.explore import live_record
-from pdssjax.explore.live_record import LiveRecords
-from pdssjax.explore.redraw import initial_stretch, instants_of, within
+from pdssjax.explore.live_record import LiveRecords, initial_stretch, instants_of, within
 from pdssjax.explore.settings import settings_of, study_at
 from pdssjax.explore.sweep_map import PointSimulation, small_map
 from pdssjax.study.measurement.friction import Friction

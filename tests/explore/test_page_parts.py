@@ -1,5 +1,7 @@
 """Parts of the page without a browser: pale plots, another record, the field of a slider."""
 
+import dataclasses
+import re
 from types import SimpleNamespace
 
 import fabricated
@@ -9,12 +11,13 @@ from walking_study import write_walking
 
 from pdssjax import InputError, load_study
 from pdssjax.explore import Workbench, instants_of, settings_of
-from pdssjax.explore.knobs import parameter_knobs
+from pdssjax.explore.settings import parameter_knobs
 from pdssjax.explore.workbench import FitResult
 
 pn = pytest.importorskip("panel")
 from pdssjax.explore.widgets import control_column, page  # noqa: E402  (needs Panel)
 from pdssjax.explore.widgets.control_column import ControlRow  # noqa: E402  (needs Panel)
+from pdssjax.explore.widgets.estimate_tab import EstimateTab  # noqa: E402  (needs Panel)
 
 
 class AtOnce:
@@ -152,3 +155,42 @@ def test_a_fit_that_ends_moves_the_sliders_to_its_estimate(tmp_path, monkeypatch
     assert float(field.value) == pytest.approx(1e6 * estimate.parameters["piezo.gain"].value, rel=1e-5)
     assert estimate.title in told.object
     assert not fit.disabled
+
+
+def table_of(estimate):
+    """What the tab shows of an estimate: its text, and the cells of its rows."""
+    tab = EstimateTab()
+    tab.show(estimate)
+    rows = re.findall(r"<tr>(.*?)</tr>", tab._text.object)
+    cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in rows[1:]]
+    return tab, {row[0]: row[1:] for row in cells}
+
+
+def test_values_of_an_estimate_stand_in_the_unit_shown_with_digits_that_their_errors_allow():
+    _, rows = table_of(fabricated.estimate())
+    assert rows["piezo.gain"][:4] == ["µm/V", "0.1007020", "0.0000070 (0.00695 %)", "0.1006880 to 0.1007160"]
+    assert rows["effector.mass"] == ["g", "86", "", "", "", "fixed"]
+    assert rows["effector.load"][-1] == "no information"
+    assert rows["drive.fall_time"][-1].startswith("at bound")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, "converged; chi-square a degree of freedom 0.9987"),
+        ({"converged": False}, "DID NOT CONVERGE"),
+        ({"explained": False}, "BUT DOES NOT EXPLAIN ITS RECORDS"),
+    ],
+)
+def test_the_headline_of_an_estimate_says_whether_it_converged(changes, said):
+    assert said in table_of(dataclasses.replace(fabricated.estimate(), **changes))[0]._text.object
+
+
+def test_correlations_profiles_and_advice_are_shown_where_there_are_any():
+    made = fabricated.estimate()
+    plain, _ = table_of(made)
+    assert len(plain._plots.objects) == 1 and "Errors to believe" not in plain._text.object
+    profiles = fabricated.profiles(made.parameters)
+    assert len(table_of(dataclasses.replace(made, profiles=profiles))[0]._plots.objects) == 1 + len(profiles)
+    advised, _ = table_of(fabricated.with_errors(made))
+    assert "<p>Errors to believe: with-misfit. Believe" in advised._text.object

@@ -5,8 +5,15 @@ import pytest
 import study_files
 
 from pdssjax import InputError, load_study
-from pdssjax.explore.knobs import drive_choices, drive_knobs, parameter_knobs
-from pdssjax.explore.settings import changed_drives, settings_of, study_at, to_be_fitted
+from pdssjax.explore.settings import (
+    changed_drives,
+    drive_choices,
+    drive_knobs,
+    parameter_knobs,
+    settings_of,
+    study_at,
+    to_be_fitted,
+)
 
 TEXT = study_files.changed('"piezo.natural_frequency" = {}', '"piezo.natural_frequency" = { start = "1 kHz" }')
 for _name, _number in {"sigma0": 1e6, "sigma1": 45, "f_ss": 0.65}.items():

@@ -3,7 +3,7 @@
 import pytest
 
 from pdssjax.core import Quantity
-from pdssjax.explore.knobs import POSITIONS, slider_range
+from pdssjax.explore.settings import POSITIONS, slider_range
 
 POSITIVE = Quantity(1.0, "N/m", True, 0.0, float("inf"), False)
 SIGNED = Quantity(0.0, "N", False, -float("inf"), float("inf"), True)

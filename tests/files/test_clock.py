@@ -5,7 +5,7 @@ import pytest
 from study_files import STUDY, changed, write_study
 
 from pdssjax import InputError, Record, load_study
-from pdssjax.files.recording_results import write_csv
+from pdssjax.files.record_results import write_csv
 from pdssjax.study import Recording
 
 UNIX = 1_700_000_000.25

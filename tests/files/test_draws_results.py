@@ -10,7 +10,7 @@ import xarray
 
 from pdssjax import InputError
 from pdssjax.files import write_estimate
-from pdssjax.files.draws_results import read_draws, write_draws
+from pdssjax.files.draws_file import read_draws, write_draws
 
 
 def whole(kind=None, **more):

@@ -16,7 +16,7 @@ from answering import numbered
 from pdssjax import InputError, InputWarning
 from pdssjax.files import list_channels, reading_process
 from pdssjax.files.channel_samples import open_file
-from pdssjax.files.draws_results import read_draws, write_draws
+from pdssjax.files.draws_file import read_draws, write_draws
 from pdssjax.files.reading_process import answers
 
 HERE = Path(__file__)

@@ -157,7 +157,7 @@ LAYOUTS = {
     "interval in volts": ('channel = 2\ntime = { interval = "1 V" }', ['"interval"', '"V"']),
     "number zero": ("channel = 0\ntime = 1", ['"channel"', "found 0", "from 1 on"]),
     "number beyond": ("channel = 3\ntime = 1", ["no column 3", "1, 2"]),
-    "truth value": ("channel = true\ntime = 1", ['"channel"', "True"]),
+    "truth value": ("channel = true\ntime = 1", ['"channel"', "true"]),
     "scale of zero": ("channel = 2\ntime = 1\nscale = 0", ["scale", "other than 0"]),
     "scale of another kind": ('channel = 2\ntime = 1\nscale = "2 N/V"', ["scale", '"2 N/V"', "um"]),
     "scale beyond all floats": ("channel = 2\ntime = 1\nscale = 1" + "0" * 400, ["scale", "finite"]),

@@ -179,7 +179,6 @@ DAMAGE = {
     "a bit": (flip_a_bit, 1),
     "exchanged": (exchange, 2),
     "of another sweep": (of_another_sweep, 1),
-    "no digests": (lambda place: shutil.rmtree(place / "digest"), 7),
     "a digest gone": (lambda place: shutil.rmtree(place / "digest" / "c" / "1"), 1),
     "bytes": (
         change_metadata(
@@ -256,18 +255,8 @@ def test_a_store_of_other_arrays_is_refused(tmp_path, study, quick, damage, said
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("changed", [{"lanes": 0}, {"lanes": -64}, {"lanes": 64.5}, {"lanes": 32}, {"points": "x"}])
-def test_a_store_with_other_attributes_is_refused(tmp_path, study, quick, changed):
-    pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
-    file = tmp_path / "s.zarr" / "zarr.json"
-    document = json.loads(file.read_text())
-    file.write_text(json.dumps(document | {"attributes": document["attributes"] | changed}))
-    with pytest.raises(InputError, match=r"found a damaged store of a sweep \(.*--overwrite"):
-        pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
-
-
-@pytest.mark.parametrize("changed", [{"points": 0}, {"points": 399}, {"points": 401}, {"points": 10**9}])
-def test_a_store_with_another_number_of_points_gives_no_wrong_numbers(tmp_path, study, quick, changed):
+@pytest.mark.parametrize("changed", [{"points": 0}, {"points": 399}, {"points": 401}, {"points": 10**9}, {"lanes": 32}])
+def test_a_store_with_other_attributes_gives_no_wrong_numbers(tmp_path, study, quick, changed):
     whole = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
     file = tmp_path / "s.zarr" / "zarr.json"
     document = json.loads(file.read_text())
@@ -316,7 +305,7 @@ def test_a_dataset_that_was_changed_on_the_disk_is_refused(tmp_path, study, quic
         read_sweep(tmp_path)
 
 
-@pytest.mark.parametrize("gone", ["found", "values", "status"])
+@pytest.mark.parametrize("gone", ["found", "values", "status", "digest"])
 def test_a_store_of_which_something_is_gone_is_refused(tmp_path, study, quick, gone):
     pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
     shutil.rmtree(tmp_path / "s.zarr" / gone)

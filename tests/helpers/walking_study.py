@@ -64,7 +64,8 @@ def write_made_estimate(study_file, folder):
         made,
         parameters=found,
         names=names,
-        correlation=np.array([[1.0, 0.4, -0.1], [0.4, 1.0, 0.72], [-0.1, 0.72, 1.0]]),
+        correlation=(correlation := np.array([[1.0, 0.4, -0.1], [0.4, 1.0, 0.72], [-0.1, 0.72, 1.0]])),
+        covariance=1e-4 * correlation,
         profiles=profiles,
     )
     folder.mkdir(exist_ok=True)

@@ -13,8 +13,7 @@ import pytest
 from platform_study import GAIN, write_platform
 
 import pdssjax
-from pdssjax.cli.main import main
-from pdssjax.cli.signals import Terminated, exit_status, requests_to_end
+from pdssjax.cli.main import Terminated, exit_status, main, requests_to_end
 from pdssjax.files import EXAMPLE, estimate_text
 from pdssjax.inference.least_squares import INTERRUPTED
 from pdssjax.inference.search.multistart import BestPoint

@@ -10,8 +10,8 @@ import xarray
 
 import pdssjax
 from pdssjax import Accuracy, Actuator, InputError, InputWarning, Taylor
-from pdssjax.cli.axis import read_axis
 from pdssjax.cli.main import main
+from pdssjax.cli.option_values import read_axis
 from pdssjax.drive.cycloidal import Cycloidal
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine

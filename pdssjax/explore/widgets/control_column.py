@@ -10,8 +10,7 @@ import panel as pn
 from ...core import InputError
 from ...study import Study
 from ..background_job import BackgroundJob
-from ..knobs import POSITIONS, Choice, Knob, group_of
-from ..settings import Settings
+from ..settings import POSITIONS, Choice, Knob, Settings, group_of
 from ..workbench import FitResult, fit_from_here
 from .page_thread import PageThread
 from .style import COMPACT, LEFT, MESSAGE, Widget

@@ -1,13 +1,16 @@
 """The tab of an estimate: values with errors, correlations, likelihood profiles where there are any."""
 
 import html
+import math
 
 import numpy as np
 import panel as pn
 from bokeh.palettes import RdBu11
 
-from ..estimate_view import EstimateView, ProfileCurve
-from .style import BLUE, GREY, TABLE, VERMILION, Model, Widget, models, pane, plain_figure
+from ...core import display_unit, with_micro_sign
+from ...report.text import parameter_cells
+from ...study import Estimate, FittedParameter, Profile
+from .style import BLUE, GREY, TABLE, VERMILION, Model, Widget, models, pane, plain_figure, plain_legend
 
 _NOTHING = (
     "<p>No estimate yet: press <b>Fit from here</b>, or start with "
@@ -33,34 +36,56 @@ class EstimateTab:
             self._text, self._plots, sizing_mode="stretch_both", margin=0, styles={"overflow": "auto"}
         )
 
-    def show(self, view: EstimateView) -> None:
+    def show(self, estimate: Estimate) -> None:
         """Show an estimate."""
-        notes = "".join(f"<p>{html.escape(note)}</p>" for note in view.notes if note)
-        advice = f"<p>{html.escape(view.advice)}</p>" if view.advice else ""
-        self._text.object = f"<p><b>{html.escape(view.headline)}</b></p>{_table(view)}{advice}{notes}"
-        plots = [_correlations(view)] if len(view.names) > 1 else []
-        self._plots.objects = plots + [_profile(curve) for curve in view.profiles]
+        advice = estimate.error_advice
+        told = [f"Errors to believe: {advice.model}. {advice.reason}"] if advice is not None else []
+        paragraphs = [f"<p>{html.escape(text)}</p>" for text in (*told, estimate.message, *estimate.notes) if text]
+        self._text.object = f"<p><b>{html.escape(_headline(estimate))}</b></p>{_table(estimate)}{''.join(paragraphs)}"
+        plots = [_correlations(estimate)] if len(estimate.names) > 1 else []
+        self._plots.objects = plots + [_profile(p, estimate.parameters[p.path]) for p in estimate.profiles]
 
 
-def _table(view: EstimateView) -> str:
-    heads = ["parameter", "unit", "value", "± one standard deviation", "95 % interval", "start", ""]
-    head = "".join(f"<th{' class=number' if 1 < i < 6 else ''}>{text}</th>" for i, text in enumerate(heads))
-    rows = "".join(
-        "<tr>"
-        + "".join(f"<td{' class=number' if 1 < i < 6 else ''}>{html.escape(c)}</td>" for i, c in enumerate(r))
-        + "</tr>"
-        for r in view.rows
+def _headline(estimate: Estimate) -> str:
+    verdict = estimate.verdict if estimate.success else estimate.verdict.upper()
+    return (
+        f"{estimate.title}: {estimate.method} fit, {verdict}; chi-square a degree of freedom "
+        f"{estimate.statistics.reduced_chi2:.4g} over {estimate.statistics.samples} samples"
     )
-    return f"<table><tr>{head}</tr>{rows}</table>"
 
 
-def _correlations(view: EstimateView) -> Widget:
+def _table(estimate: Estimate) -> str:
+    heads = ["parameter", "unit", "value", "± one standard deviation", "95 % interval", "start", ""]
+    rows = [_cells("th", heads), *(_cells("td", _row(parameter)) for parameter in estimate.parameters.values())]
+    return f"<table>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+
+
+def _cells(tag: str, texts: list[str]) -> str:
+    sides = ["", "", *[" class=number"] * 4, ""]
+    return "".join(f"<{tag}{side}>{html.escape(text)}</{tag}>" for side, text in zip(sides, texts, strict=True))
+
+
+def _row(parameter: FittedParameter) -> list[str]:
+    """One parameter as texts of the table."""
+    cells, known = parameter_cells(parameter), math.isfinite(parameter.standard_error)
+    return [
+        parameter.path,
+        with_micro_sign(cells.unit),
+        cells.value,
+        f"{cells.error} ({cells.share})" if known else "",
+        cells.interval(" to ") if known else "",
+        "" if parameter.start is None else cells.start,
+        parameter.remark,
+    ]
+
+
+def _correlations(estimate: Estimate) -> Widget:
     """A tile with a number for each pair of parameters."""
-    names = [name.partition(".")[2] or name for name in view.names]
+    names = [name.partition(".")[2] or name for name in estimate.names]
     if len(set(names)) < len(names):
-        names = view.names
+        names = list(estimate.names)
     pairs = [(i, j) for i in range(len(names)) for j in range(i)]
-    values = np.array([view.correlation[i, j] for i, j in pairs])
+    values = np.array([estimate.correlation[i, j] for i, j in pairs])
     source = models.ColumnDataSource(
         {
             "x": [names[j] for _, j in pairs],
@@ -83,20 +108,18 @@ def _correlations(view: EstimateView) -> Widget:
     return _sized(plot, size + 60, tall)
 
 
-def _profile(curve: ProfileCurve) -> Widget:
+def _profile(curve: Profile, parameter: FittedParameter) -> Widget:
     """Chi-square above its minimum against a parameter, with the parabola of the linear model."""
-    title = f"{curve.path}: {curve.verdict}"
-    plot = plain_figure(f"{curve.path} ({curve.unit or '1'})", "excess of chi-square", title=title, tools="")
-    source = models.ColumnDataSource({"value": curve.value, "excess": curve.excess, "linear": curve.linear})
+    unit, scale = display_unit(parameter.unit)
+    label, title = f"{curve.path} ({with_micro_sign(unit) or '1'})", f"{curve.path}: {curve.verdict}"
+    plot = plain_figure(label, "excess of chi-square", title=title, tools="")
+    source = models.ColumnDataSource({"value": scale * curve.value, "excess": curve.excess, "linear": curve.linear})
     plot.line("value", "linear", source=source, color=GREY, line_dash="dashed", line_width=1.2, legend_label="linear")
     plot.line("value", "excess", source=source, color=BLUE, line_width=1.5, legend_label="profile")
     plot.add_layout(models.Span(location=curve.threshold, dimension="width", line_color=VERMILION))
-    plot.add_layout(models.Span(location=curve.estimate, dimension="height", line_color=GREY))
+    plot.add_layout(models.Span(location=scale * parameter.value, dimension="height", line_color=GREY))
     plot.y_range.update(start=0.0, end=1.55 * curve.threshold)
-    plot.legend.label_text_font_size = "10px"
-    plot.legend.border_line_color = None
-    plot.legend.location = "top_center"
-    plot.legend.background_fill_alpha = 0.6
+    plain_legend(plot, "top_center")
     plot.xaxis.ticker.desired_num_ticks = 3
     return _sized(plot, 300, 230)
 

@@ -1,19 +1,15 @@
 """One page in one browser: numbers are changed on the left, and drawn on the right."""
 
 import html
-import json
 import time
 from pathlib import Path
 
 import panel as pn
 
 from ...core import InputError
-from ...files import estimate_text
 from ..background_job import BackgroundJob, Report
-from ..estimate_view import estimate_view, values_of
-from ..knobs import drive_choices, drive_knobs, parameter_knobs
-from ..redraw import Redraw, Score, cycle_of, initial_stretch, instants_of, within
-from ..settings import Settings
+from ..live_record import Redraw, Score, cycle_of, initial_stretch, instants_of, within
+from ..settings import Settings, drive_choices, drive_knobs, parameter_knobs
 from ..workbench import FitResult, Workbench
 from .control_column import ControlGroup, FitBox, SaveBox
 from .estimate_tab import EstimateTab
@@ -78,7 +74,7 @@ class Page:
         self._save = SaveBox(self._bench.free_path(), self._save_to)
         self._record_place, self._contact_place = _place(), _place()
         if self._bench.estimate is not None:
-            self._estimate.show(estimate_view(self._bench.estimate))
+            self._estimate.show(self._bench.estimate)
         self._tabs = pn.Tabs(
             ("Record", self._record_view()),
             ("Contact and phase", self._contact_place),
@@ -326,9 +322,9 @@ class Page:
     def _fitted(self, result: FitResult) -> None:
         if result.estimate is None:
             return
-        document = json.loads(estimate_text(result.estimate))
-        self._estimate.show(estimate_view(document))
-        self._move_to(self._settings.with_values(values_of(document)))
+        self._estimate.show(result.estimate)
+        values = {path: parameter.value for path, parameter in result.estimate.parameters.items()}
+        self._move_to(self._settings.with_values(values))
 
     def _save_to(self, target: Path, overwrite: bool) -> Path:
         return self._bench.save(self._settings, target, overwrite)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from ...core import MICROMETRES, decimals_for, rounded, with_micro_sign
 from ...study import Record
-from ..redraw import Redraw, Score, drawn_samples, known_noise
+from ..live_record import Redraw, Score, drawn_samples, known_noise
 from .style import (
     BLUE,
     CUT,
@@ -25,9 +25,10 @@ from .style import (
     column,
     models,
     pane,
-    plain,
     plain_figure,
+    plain_legend,
     row,
+    second_axis,
 )
 
 Moved = Callable[[float, float], None]
@@ -137,11 +138,8 @@ def _motion(sources: _Sources, x_range: Model, label: str, whole: bool) -> Model
     line = {"legend_label": "predicted"} if whole else {}
     plot.line("time", "predicted", source=sources.lines, color=VERMILION, line_width=1.3, **line)
     if whole:
-        plot.legend.location = "top_left"
+        plain_legend(plot, "top_left", "11px")
         plot.legend.orientation = "horizontal"
-        plot.legend.background_fill_alpha = 0.6
-        plot.legend.border_line_color = None
-        plot.legend.label_text_font_size = "11px"
         plot.legend.padding = 2
     return plot
 
@@ -165,13 +163,8 @@ def _command(sources: _Sources, x_range: Model, record: Record) -> Model:
     if driven:
         plot.y_range.renderers = [command]
         plot.yaxis.axis_label_text_color = GREEN
-        motion = models.DataRange1d()
-        plot.extra_y_ranges = {"platform": motion}
-        axis = models.LinearAxis(y_range_name="platform", axis_label="platform (µm)", axis_label_text_color=BLUE)
-        plot.add_layout(axis, "right")
-        drawn = plot.line("time", "platform", source=sources.lines, color=BLUE, line_width=1.3, y_range_name="platform")
-        motion.renderers = [drawn]
-        plain(plot)
+        second_axis(plot, sources.lines, "platform", "platform (µm)", BLUE, line_width=1.3)
+        plot.yaxis[1].axis_label_text_color = BLUE
     return plot
 
 

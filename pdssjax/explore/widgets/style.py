@@ -91,6 +91,23 @@ def plain(plot: Model) -> None:
     plot.title.text_font_style = "normal"
 
 
+def plain_legend(plot: Model, place: str, size: str = "10px") -> None:
+    """Give the legend of a plot, at a `place` such as "top_left", the look of the page."""
+    plot.legend.location = place
+    plot.legend.background_fill_alpha = 0.6
+    plot.legend.border_line_color = None
+    plot.legend.label_text_font_size = size
+
+
+def second_axis(plot: Model, source: Model, name: str, label: str, colour: str, **line: Option) -> None:
+    """Draw the column `name` of a `source` over "time", against an axis of its own to the right."""
+    values = models.DataRange1d()
+    plot.extra_y_ranges = {name: values}
+    plot.add_layout(models.LinearAxis(y_range_name=name, axis_label=label), "right")
+    values.renderers = [plot.line("time", name, source=source, color=colour, y_range_name=name, **line)]
+    plain(plot)
+
+
 def pane(plot: Model, flex: float = 1.0, **more: Option) -> Widget:
     """A plot in a pane that takes `flex` parts of the space it shares with its neighbours."""
     styles = {"flex": f"{flex} 1 0", "min-width": "0", "min-height": "0"}

@@ -14,7 +14,20 @@ from ..settings import Settings
 from ..sweep_map import PointMotion, PointSimulation, SweepMap, is_grid, small_map, sweep_map, ticks_along, tiles_along
 from ..workbench import Workbench
 from .page_thread import PageThread
-from .style import BLUE, GREEN, GREY, MILLISECONDS, VERMILION, Model, Widget, models, pane, plain, plain_figure
+from .style import (
+    BLUE,
+    GREEN,
+    GREY,
+    MILLISECONDS,
+    VERMILION,
+    Model,
+    Widget,
+    models,
+    pane,
+    plain_figure,
+    plain_legend,
+    second_axis,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -212,18 +225,8 @@ def _motion_plot(source: Model) -> Model:
         plot.line("time", "effector", source=source, color=VERMILION, line_width=1.6, legend_label="end-effector"),
     ]
     plot.y_range.renderers = lines
-    volts = models.DataRange1d()
-    plot.extra_y_ranges = {"voltage": volts}
-    plot.add_layout(models.LinearAxis(y_range_name="voltage", axis_label="voltage (V)"), "right")
-    drawn = plot.line(
-        "time", "voltage", source=source, color=GREEN, alpha=0.6, y_range_name="voltage", legend_label="voltage"
-    )
-    volts.renderers = [drawn]
-    plain(plot)
-    plot.legend.location = "top_left"
-    plot.legend.background_fill_alpha = 0.6
-    plot.legend.border_line_color = None
-    plot.legend.label_text_font_size = "10px"
+    second_axis(plot, source, "voltage", "voltage (V)", GREEN, alpha=0.6, legend_label="voltage")
+    plain_legend(plot, "top_left")
     return plot
 
 

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...core import InputError, unit_named
-from ._thousands import plain_number
 
 HEAD = 1 << 18
 """Bytes that are looked at."""
@@ -43,6 +42,12 @@ _SCOPE_CLOCK = re.compile(r"(start|increment)\s*[=,;]\s*([-+\d.eE]+)", re.IGNORE
 
 _UNITS_ALONE = set("s ms us µs μs ns v mv kv m mm um µm μm nm n mn a ma second seconds sec volt volts".split())
 """Name of a column whose header is only its unit."""
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
+
+_GROUPED = re.compile(r"([+-]?[1-9]\d{0,2})((?:,\d{3})+)(\.\d*)?")
+
+_SWAPPED = str.maketrans(",.", ".,")
 
 _CLOCKS = ("t", "time", "zeit", "temps")
 """Names of a clock."""
@@ -148,6 +153,22 @@ def cells_of(line: str, separator: str, header: bool = False) -> list[str]:
         masked = _IN_BRACKETS.sub(lambda inside: inside[0].replace(separator, "\0"), line)
         return [part.strip().replace("\0", separator) for part in masked.split(separator)]
     return [part.strip() for part in line.split(separator)]
+
+
+def plain_number(cell: str, decimal: str, sure: bool = False) -> str:
+    """A cell as a number with a decimal point and nothing between its thousands; "" where it is none.
+
+    **Arguments:** `decimal` is the decimal sign, of which the user is `sure`: then the other one divides thousands
+    even where it stands once.
+    """
+    text = cell.translate(_SWAPPED) if decimal == "," else cell
+    grouped = _GROUPED.fullmatch(text) if "," in text else None
+    if grouped is None:
+        return text if _NUMBER.fullmatch(text) else ""
+    whole, groups, fraction = grouped.groups()
+    if sure or fraction or groups.count(",") > 1:
+        return whole + groups.replace(",", "") + (fraction or "")
+    return ""
 
 
 def is_number(cell: str, decimal: str) -> bool:

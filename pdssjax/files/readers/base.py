@@ -5,8 +5,12 @@ samples in blocks, so that a file need not fit into memory.  All but text is rea
 """
 
 import abc
+import contextlib
+import importlib
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -101,9 +105,10 @@ class AbstractReader(AbstractSource):
     in_process: ClassVar[bool] = False
     """Whether a file is read by the process that asks: of a format whose reader nothing in a file can crash."""
 
-    @abc.abstractmethod
     def __init__(self, file: Path, decimal: str = "") -> None:
         """A reader of `file`; nothing is read yet.  `decimal` is "," or ".", or "" where it is to be told."""
+        self.file = file
+        self.decimal = decimal
 
     @property
     def kind(self) -> str:
@@ -113,3 +118,60 @@ class AbstractReader(AbstractSource):
     @abc.abstractmethod
     def recognises(cls, file: Path, head: bytes) -> bool:
         """Whether the `file`, which begins with the bytes `head`, has this format."""
+
+
+def library(module: str, extra: str, file: Path) -> ModuleType:
+    """The `module` of an optional library.
+
+    **Raises:** `InputError` with the line that installs it, where it is missing.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        package = module.split(".")[0]
+        raise InputError(
+            f"{file}: found a file that the library {package} reads, which is not installed; "
+            f'expected: pip install "pdssjax[{extra}]"'
+        ) from None
+
+
+@contextlib.contextmanager
+def refusing(file: Path, expected: str) -> Iterator[None]:
+    """Turn whatever a library raises on an unreadable file into an `InputError` of one line."""
+    try:
+        yield
+    except InputError:
+        raise
+    except MemoryError:
+        raise InputError(
+            f"{file}: found more than memory has room for, as a broken file may claim, expected {expected}."
+        ) from None
+    except FileNotFoundError:
+        raise InputError(f"{file}: there is no such file, expected {expected}.") from None
+    except PermissionError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror}), expected {expected}.") from None
+    except Exception as error:  # libraries raise errors of many types
+        said = " ".join(str(error).replace(f"{file.parent}{os.sep}", "").split())[:120] or type(error).__name__
+        raise InputError(f"{file}: found a broken file ({said}), expected {expected}.") from None
+
+
+def same_length(file: Path, lengths: dict[str, int]) -> int:
+    """How many samples channels have, by their names.
+
+    **Raises:** `InputError` where they differ.
+    """
+    if len(set(lengths.values())) > 1:
+        listed = ", ".join(f'{count} in "{name}"' for name, count in lengths.items())
+        raise InputError(f"{file}: found {listed}, expected channels with as many samples.")
+    return next(iter(lengths.values()))
+
+
+def blocks_of(file: Path, arrays: Sequence[tuple[str, Float[np.ndarray, " samples"]]], first: int) -> Iterator[Block]:
+    """The samples, from `first` (from 0) on, of channels that are in memory, each with its name.
+
+    **Raises:** `InputError` where they have different lengths.
+    """
+    count = same_length(file, {name: values.size for name, values in arrays})
+    for begin in range(first, count, BLOCK):
+        end = min(begin + BLOCK, count)
+        yield Block(np.column_stack([values[begin:end] for _, values in arrays]), np.arange(begin + 1, end + 1))

@@ -2,20 +2,26 @@
 
 Semicolons, commas, tabs or blanks, decimal point or comma, UTF-8, UTF-16 or Latin-1, preambles, a row of units, a
 header or none, the layouts of oscilloscopes.  A file is read a part at a time.
+
+Thousands may be divided: "1.070,5", "1,070.5", and "1.070", which is either.  Where both signs stand in a number, or
+one stands twice, it is clear what divides thousands.  A single one is taken for that only where the user has told the
+decimal sign.  A column in which it always stands before three digits, beside whole numbers without it, has thousands
+more likely than decimals: then nobody but the user can tell.
 """
 
 import functools
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from ...core import InputError
-from ._dialect import HEAD, Dialect, cells_of, dialect_of, with_points
-from ._errors import refusing
-from ._thousands import GroupedColumns, plain_number
-from .base import BLOCK, AbstractReader, Block, Channel
+from ._dialect import HEAD, Dialect, cells_of, dialect_of, plain_number, with_points
+from .base import BLOCK, AbstractReader, Block, Channel, refusing
 
 
 class DelimitedText(AbstractReader):
@@ -25,10 +31,6 @@ class DelimitedText(AbstractReader):
     expected = "a table of text"
     in_process = True
     place = "line"
-
-    def __init__(self, file: Path, decimal: str = "") -> None:
-        self.file = file
-        self.decimal = decimal
 
     @classmethod
     def recognises(cls, file: Path, head: bytes) -> bool:
@@ -49,7 +51,7 @@ class DelimitedText(AbstractReader):
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         dialect, positions = self.dialect, [number - 1 for number in numbers]
-        grouped = None if self.decimal else GroupedColumns(positions, dialect.decimal)
+        grouped = None if self.decimal else _GroupedColumns(positions, dialect.decimal)
         with (
             refusing(self.file, self.expected),
             self.file.open(encoding=dialect.encoding, errors="replace", newline=None) as stream,
@@ -106,7 +108,7 @@ class DelimitedText(AbstractReader):
             return np.array([[number(row[j]) if j < len(row) else np.nan for j in positions] for row in rows])
 
     def _check_thousands(
-        self, grouped: GroupedColumns, places: np.ndarray, values: np.ndarray, lines: list[str]
+        self, grouped: "_GroupedColumns", places: np.ndarray, values: np.ndarray, lines: list[str]
     ) -> None:
         """Refuse a column of numbers of which nobody but the user can tell whether their thousands are divided."""
         found = grouped.look(places, values, lines, lambda line: cells_of(line, self.dialect.separator))
@@ -143,3 +145,80 @@ def _samples_of(lines: list[str], done: int) -> tuple[np.ndarray, list[str]]:
     if all(kept):
         return places, lines
     return places[kept], [line for line, keep in zip(lines, kept, strict=True) if keep]
+
+
+class _Grouped(NamedTuple):
+    """A number that may be read in two ways."""
+
+    place: int
+    position: int
+    """Index of the column, from 0."""
+    text: str
+
+
+class _GroupedColumns:
+    """Looks for columns in which thousands may be divided, a block at a time."""
+
+    def __init__(self, positions: Sequence[int], decimal: str) -> None:
+        self._positions = list(dict.fromkeys(positions))
+        self._decimal = decimal
+        self._group = re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(decimal)}\d{{3}}")
+        # Columns of which no number has shown that its sign is a decimal one.
+        self._open = set(self._positions)
+        self._whole: set[int] = set()
+        self._first: dict[int, _Grouped] = {}
+
+    def look(
+        self,
+        places: Int[np.ndarray, " samples"],
+        values: Float[np.ndarray, "samples columns"],
+        lines: Sequence[str],
+        cells: Callable[[str], Sequence[str]],
+    ) -> _Grouped | None:
+        """The first number that may be read in two ways, of a column that has nothing but such and whole numbers.
+
+        **Arguments:** `values` are the columns as they were read, `lines` what they were read from, and `cells` gives
+        those of a line.
+        """
+        for number, position in enumerate(self._positions):
+            if position in self._open and _shows_decimals(values[:, number]):
+                self._open.discard(position)
+        # Whole numbers can only be groups where three zeros follow the sign.
+        zeros = f"{self._decimal}000"
+        left = [p for k, p in enumerate(self._positions) if p in self._open and not _is_whole(values[:, k])]
+        if self._open and (left or any(zeros in line for line in lines)):
+            self._look_at_cells(places, lines, cells)
+        elif self._open:
+            self._whole |= {
+                p for k, p in enumerate(self._positions) if p in self._open and np.any(np.isfinite(values[:, k]))
+            }
+        return next((self._first[p] for p in self._positions if p in self._open & self._whole & set(self._first)), None)
+
+    def _look_at_cells(
+        self, places: Int[np.ndarray, " samples"], lines: Sequence[str], cells: Callable[[str], Sequence[str]]
+    ) -> None:
+        for place, line in zip(places, lines, strict=True):
+            row = cells(line)
+            for position in list(self._open):
+                cell = row[position] if position < len(row) else ""
+                if self._group.fullmatch(cell):
+                    self._first.setdefault(position, _Grouped(int(place), position, cell))
+                elif self._decimal in cell or len(cell.lstrip("+-")) > 3:
+                    self._open.discard(position)
+                elif cell.lstrip("+-").isdecimal():
+                    self._whole.add(position)
+            if not self._open:
+                return
+
+
+def _shows_decimals(column: Float[np.ndarray, " samples"]) -> bool:
+    """Whether numbers as they were read show that their column has decimals, or thousands that nothing divides."""
+    size = np.abs(column[np.isfinite(column)])
+    broken = size[size != np.round(size)]
+    return bool(
+        np.any(size >= 1000.0) or np.any(broken < 1.0) or np.any(np.abs(1e3 * broken - np.round(1e3 * broken)) > 1e-6)
+    )
+
+
+def _is_whole(column: Float[np.ndarray, " samples"]) -> bool:
+    return bool(np.all(np.isnan(column) | (column == np.round(column))))

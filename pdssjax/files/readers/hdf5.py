@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import InputError
-from ._errors import library, refusing, same_length
-from .base import BLOCK, AbstractReader, Block, Channel
+from .base import BLOCK, AbstractReader, Block, Channel, library, refusing, same_length
 
 INTERVALS = ("interval", "sample_interval", "dt", "wf_increment", "XInc")
 START = ("start", "t0", "wf_start_offset", "XOrg")
@@ -57,9 +56,6 @@ class Hdf5(AbstractReader):
 
     ending = ".h5"
     expected = "an HDF5 file"
-
-    def __init__(self, file: Path, decimal: str = "") -> None:
-        self.file = file
 
     @classmethod
     def recognises(cls, file: Path, head: bytes) -> bool:

@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import InputError
-from ._errors import refusing, same_length
-from .base import BLOCK, AbstractReader, Block, Channel
+from .base import AbstractReader, Block, Channel, blocks_of, refusing
 
 
 class _Array(NamedTuple):
@@ -31,9 +30,6 @@ class Matlab(AbstractReader):
 
     ending = ".mat"
     expected = "a MATLAB file"
-
-    def __init__(self, file: Path, decimal: str = "") -> None:
-        self.file = file
 
     @classmethod
     def recognises(cls, file: Path, head: bytes) -> bool:
@@ -49,10 +45,7 @@ class Matlab(AbstractReader):
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         chosen = [self._arrays[number - 1] for number in numbers]
-        count = same_length(self.file, {array.name: array.values.size for array in chosen})
-        for begin in range(first, count, BLOCK):
-            end = min(begin + BLOCK, count)
-            yield Block(np.column_stack([a.values[begin:end] for a in chosen]), np.arange(begin + 1, end + 1))
+        yield from blocks_of(self.file, [(array.name, array.values) for array in chosen], first)
 
     @functools.cached_property
     def _arrays(self) -> list[_Array]:

@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import InputError
-from ._errors import library, refusing, same_length
-from .base import BLOCK, AbstractReader, Block, Channel
+from .base import AbstractReader, Block, Channel, blocks_of, library, refusing
 
 _ENDINGS = (".wfm", ".trc", ".isf", ".bin", ".wvf", ".wdf", ".hdr")
 
@@ -34,9 +33,6 @@ class Oscilloscope(AbstractReader):
     ending = ".wfm"
     expected = "a file of an oscilloscope that RigolWFM knows (or export it as CSV)"
 
-    def __init__(self, file: Path, decimal: str = "") -> None:
-        self.file = file
-
     @classmethod
     def recognises(cls, file: Path, head: bytes) -> bool:
         return file.suffix.lower() in _ENDINGS or _LECROY in head[:64]
@@ -47,10 +43,7 @@ class Oscilloscope(AbstractReader):
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         shown = self._shown()
         chosen = [shown[number - 1] for number in numbers]
-        count = same_length(self.file, {channel.name: samples.size for channel, samples in chosen})
-        for begin in range(first, count, BLOCK):
-            end = min(begin + BLOCK, count)
-            yield Block(np.column_stack([samples[begin:end] for _, samples in chosen]), np.arange(begin + 1, end + 1))
+        yield from blocks_of(self.file, [(channel.name, samples) for channel, samples in chosen], first)
 
     def _shown(self) -> Shown:
         """The channels that were on."""

@@ -14,8 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ...core import InputError, InputWarning
-from ._errors import library, refusing, same_length
-from .base import BLOCK, AbstractReader, Block, Channel
+from .base import BLOCK, AbstractReader, Block, Channel, library, refusing, same_length
 
 
 class Tdms(AbstractReader):
@@ -23,9 +22,6 @@ class Tdms(AbstractReader):
 
     ending = ".tdms"
     expected = "a TDMS file"
-
-    def __init__(self, file: Path, decimal: str = "") -> None:
-        self.file = file
 
     @classmethod
     def recognises(cls, file: Path, head: bytes) -> bool:

@@ -8,11 +8,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...core import InputError, decimals_for, display_unit, percent, rounded, strongest_pairs, with_micro_sign
+from ...core import InputError, percent, rounded, strongest_pairs, with_micro_sign
 from ...integration import TAYLOR
 from ...study import (
     OWN_MINIMISER,
-    Combination,
     Estimate,
     FittedParameter,
     FittedRecord,
@@ -21,7 +20,17 @@ from ...study import (
     split_path,
 )
 from .. import figures
-from ..text.estimate import format_amplification, format_draws, format_multistart, format_profiles
+from ..text._layout import counted
+from ..text.estimate import (
+    format_amplification,
+    format_draws,
+    format_multistart,
+    format_profiles,
+    interval_way,
+    parameter_cells,
+    ranked_products,
+    remedy_gains,
+)
 from .document import Illustration, Page, Section, Share, Table
 
 
@@ -67,14 +76,14 @@ def _result(estimate: Estimate) -> Iterator[str]:
         "to within their noise."
     )
     yield (
-        f"{_count(len(estimate.names), 'parameter')} and "
-        f"{_count(statistics.free - len(estimate.names), 'sensor zero')} were fitted to "
-        f"{statistics.samples} samples of {_count(len(fitted), 'record')}{apart}. {judged}"
+        f"{counted(len(estimate.names), 'parameter')} and "
+        f"{counted(statistics.free - len(estimate.names), 'sensor zero')} were fitted to "
+        f"{statistics.samples} samples of {counted(len(fitted), 'record')}{apart}. {judged}"
     )
     validation = [record for record in estimate.records if record.role != "fit"]
     if validation:
         each = "; ".join(f"{record.name}: {_quality(record)}" for record in validation)
-        yield f"Predicted without having been fitted ({_count(len(validation), 'validation record')}): {each}."
+        yield f"Predicted without having been fitted ({counted(len(validation), 'validation record')}): {each}."
     known = [p for p in estimate.parameters.values() if p.free and p.value and math.isfinite(p.standard_error)]
     if len(known) > 1:
         ranked = sorted(known, key=lambda p: abs(p.standard_error / p.value))
@@ -83,10 +92,6 @@ def _result(estimate: Estimate) -> Iterator[str]:
     unknown = [p.path for p in estimate.parameters.values() if p.free and not p.identifiable]
     if unknown:
         yield f"The records do not determine {', '.join(unknown)}."
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" + "s" * (number != 1)
 
 
 def _quality(record: FittedRecord) -> str:
@@ -190,8 +195,10 @@ def _parameters(estimate: Estimate) -> Section:
     text = [estimate.error_advice.reason] if estimate.error_advice is not None else []
     models = list(next((p.errors for p in estimate.parameters.values() if p.errors), {}))
     if models:
+        way = interval_way(estimate)
+        basis = f"by the {models[0]} error model" + (f", the interval by {way}" if way else "")
         text.append(
-            f"Standard error, relative error and interval are {_basis(estimate, models[0])}. Coloured errors hold "
+            f"Standard error, relative error and interval are {basis}. Coloured errors hold "
             "whatever the colour of the noise; errors with misfit also cover what the model's own error may do to a "
             "parameter."
         )
@@ -210,17 +217,16 @@ def _further_errors(estimate: Estimate, free: list[FittedParameter], models: lis
     head = ["parameter", *(model.replace("-", " ") for model in models), *["naive"] * naive, "start", "unit"]
     rows = []
     for parameter in free:
-        unit, scale = display_unit(parameter.unit)
+        cells = parameter_cells(parameter)
         errors = [parameter.errors[model].standard_error if parameter.errors else math.nan for model in models]
         if naive:
             errors.append(math.nan if parameter.naive_standard_error is None else parameter.naive_standard_error)
-        start = "-" if parameter.start is None else f"{parameter.start * scale:.4g}"
         rows.append(
             [
                 parameter.path,
                 *(percent(error, parameter.value) for error in errors),
-                start,
-                with_micro_sign(unit) or "1",
+                cells.start,
+                with_micro_sign(cells.unit) or "1",
             ]
         )
     caption = "Standard errors by every error model, in per cent of the value, and where the fit started."
@@ -229,28 +235,19 @@ def _further_errors(estimate: Estimate, free: list[FittedParameter], models: lis
     return Table(head, rows, "<" + ">" * (len(head) - 2) + "<", caption)
 
 
-def _basis(estimate: Estimate, model: str) -> str:
-    """The basis of a parameter's interval in words."""
-    profiled = any(parameter.verdicts for parameter in estimate.parameters.values())
-    way = estimate.draws.kind if estimate.draws is not None else "profile likelihood" if profiled else ""
-    return f"by the {model} error model" + (f", the interval by {way}" if way else "")
-
-
 def _numbers(parameter: FittedParameter, meaning: str) -> list[str | Share]:
     """The cells of a parameter."""
-    unit, scale = display_unit(parameter.unit)
-    places = decimals_for(parameter.standard_error * scale)
-    low, high = (rounded(end * scale, places) for end in parameter.interval)
+    cells = parameter_cells(parameter)
     relative = abs(parameter.standard_error / parameter.value) if parameter.value else math.nan
     length = math.log10(relative / _LEAST_SHARE) / _DECADES if relative > 0.0 else math.nan
     known = parameter.free and math.isfinite(parameter.standard_error)
     return [
         parameter.path,
-        rounded(parameter.value * scale, places),
-        rounded(parameter.standard_error * scale, places) if known else "",
-        with_micro_sign(unit) or "1",
-        Share(percent(parameter.standard_error, parameter.value), length) if known else "",
-        "" if low == high == "-" else f"{low} to {high}",
+        cells.value,
+        cells.error if known else "",
+        with_micro_sign(cells.unit) or "1",
+        Share(cells.share, length) if known else "",
+        cells.interval(" to "),
         ". ".join(filter(None, [parameter.remark.capitalize(), meaning])),
     ]
 
@@ -276,7 +273,7 @@ def _meanings(estimate: Estimate) -> dict[str, str]:
 WORTH_KNOWING = 0.7
 """Correlations smaller than this in size are in the figure alone."""
 
-_MOST_PAIRS, _MOST_PRODUCTS = 6, 3
+_MOST_PAIRS = 6
 
 
 def _correlations(estimate: Estimate) -> Section:
@@ -285,8 +282,8 @@ def _correlations(estimate: Estimate) -> Section:
     pairs = strongest_pairs(estimate.names, estimate.correlation, WORTH_KNOWING)
     if pairs:
         text.append(
-            f"Of {_count(len(pairs), 'pair')} with a correlation of {WORTH_KNOWING:g} or more in size, an error of one "
-            "parameter goes with an error of the other: the records determine a combination better than either."
+            f"Of {counted(len(pairs), 'pair')} with a correlation of {WORTH_KNOWING:g} or more in size, an error of "
+            "one parameter goes with an error of the other: the records determine a combination better than either."
         )
         rows = [[path, other, f"{value:+.3f}"] for path, other, value in pairs[:_MOST_PAIRS]]
         tables.append(Table(["parameter", "with", "correlation"], rows, "<<>", "The strongest correlations."))
@@ -294,28 +291,19 @@ def _correlations(estimate: Estimate) -> Section:
         text.append(f"No two parameters are correlated by {WORTH_KNOWING:g} or more in size.")
     diagnosis = estimate.diagnosis
     if diagnosis is not None and len(diagnosis.combinations) > 1:
-        ranked = sorted(diagnosis.combinations, key=lambda found: -found.relative_error)
-        worst, best = ranked[:_MOST_PRODUCTS], ranked[max(_MOST_PRODUCTS, len(ranked) - _MOST_PRODUCTS) :][::-1]
-        rows = [
-            [what, _product(each), f"{100 * each.relative_error:.2g} %"]
-            for what, few in (("least", worst), ("best", best))
-            for each in few
-        ]
+        least, best = ranked_products(diagnosis, " · ")
+        rows = [*(["least", *row] for row in least), *(["best", *row] for row in best)]
         caption = "Products of powers that the records determine least and best; exponents are rounded."
         tables.append(Table(["determined", "product", "standard error"], rows, "<<>", caption))
         if (remedy := diagnosis.remedy) is not None:
-            gains = [f"{path} from {100 * a:.2g} to {100 * b:.2g} %" for path, (a, b) in remedy.errors.items()]
-            text.append(f"If {remedy.path} were known from elsewhere, standard errors would fall: {', '.join(gains)}.")
+            text.append(
+                f"If {remedy.path} were known from elsewhere, standard errors would fall: {remedy_gains(remedy)}."
+            )
     if len(estimate.names) > 1:
         caption = "Correlations of the estimates."
         description = f"{caption} The strongest are in the table above."
         drawings.append(Illustration(figures.correlation_figure(estimate), caption, description))
     return Section("Correlations", text, tables=tables, figures=drawings)
-
-
-def _product(combination: Combination) -> str:
-    parts = [path if abs(e - 1.0) < 0.005 else f"{path}^{e:.2f}" for path, e in combination.exponents.items()]
-    return " · ".join(parts[:4]) + (" · ..." if len(parts) > 4 else "")
 
 
 def _records(estimate: Estimate) -> list[Section]:

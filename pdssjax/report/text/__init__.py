@@ -6,7 +6,11 @@ Imports results from the rooms below, never files.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .estimate import format_comparison as format_comparison, format_report as format_report
+    from .estimate import (
+        format_comparison as format_comparison,
+        format_report as format_report,
+        parameter_cells as parameter_cells,
+    )
     from .listings import (
         format_catalogue as format_catalogue,
         format_channels as format_channels,

@@ -1,4 +1,4 @@
-"""Headings and tables of every report."""
+"""Headings, tables and phrases of every report."""
 
 import textwrap
 from collections.abc import Sequence
@@ -18,3 +18,8 @@ def aligned_table(align: str, rows: Sequence[Sequence[str]]) -> str:
 def note(text: str, indent: int = 4) -> str:
     """A sentence below a table, in lines of 100 characters."""
     return textwrap.fill(text, 100, initial_indent=" " * indent, subsequent_indent=" " * indent) + "\n"
+
+
+def counted(number: int, what: str) -> str:
+    """A `number` of things, such as "1 block" or "3 blocks"."""
+    return f"{number} {what}" + "s" * (number != 1)

@@ -5,6 +5,7 @@ The order and the vocabulary follow lmfit's `fit_report`, which people in the fi
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -119,36 +120,69 @@ def _about_errors(estimate: Estimate, models: Sequence[str]) -> str:
     from ...inference import all_error_models
 
     lines = [note(f"{m.name.replace('-', ' ')}: covers {m.covers}.") for m in all_error_models() if m.name in models]
-    profiled = any(parameter.verdicts for parameter in estimate.parameters.values())
-    way = estimate.draws.kind if estimate.draws is not None else "profile likelihood" if profiled else ""
+    way = interval_way(estimate)
     which = f"+/-: {models[0]}; interval: by {way}" if way else f"+/- and interval: {models[0]}"
     return "".join(lines) + note(f"{which}. {estimate.error_advice.reason}")
 
 
-def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
+def interval_way(estimate: Estimate) -> str:
+    """The way in which intervals were found, in words; "" where they are those of the standard errors."""
+    if estimate.draws is not None:
+        return estimate.draws.kind
+    return "profile likelihood" if any(parameter.verdicts for parameter in estimate.parameters.values()) else ""
+
+
+class ParameterCells(NamedTuple):
+    """The numbers of a parameter as texts of a table, in the unit shown, with the digits that its error deserves."""
+
+    unit: str
+    value: str
+    error: str
+    """The standard error; "-" where it is not known, as the next ones."""
+    share: str
+    """The standard error in per cent of the value."""
+    low: str
+    high: str
+    """Ends of the 95 % interval."""
+    start: str
+    """Where the fit started."""
+
+    def interval(self, between: str) -> str:
+        """Both ends of the interval with a word or sign `between`; "" where neither is known."""
+        return "" if self.low == self.high == "-" else f"{self.low}{between}{self.high}"
+
+
+def parameter_cells(parameter: FittedParameter) -> ParameterCells:
+    """The numbers of a `parameter` as texts."""
     unit, factor = display_unit(parameter.unit)
     places = decimals_for(parameter.standard_error * factor)
     low, high = (rounded(end * factor, places) for end in parameter.interval)
-    start = None if parameter.start is None else f"{parameter.start * factor:.4g}"
+    return ParameterCells(
+        unit,
+        rounded(parameter.value * factor, places),
+        rounded(parameter.standard_error * factor, places),
+        percent(parameter.standard_error, parameter.value),
+        low,
+        high,
+        "-" if parameter.start is None else f"{parameter.start * factor:.4g}",
+    )
+
+
+def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
+    cells, naive = parameter_cells(parameter), parameter.naive_standard_error
     errors = [parameter.errors[model].standard_error for model in models if parameter.errors]
     shares = [percent(error, parameter.value) for error in errors or [parameter.standard_error] * max(len(models), 1)]
     return [
         parameter.path,
-        unit,
-        rounded(parameter.value * factor, places),
-        rounded(parameter.standard_error * factor, places),
+        cells.unit,
+        cells.value,
+        cells.error,
         *shares,
-        _naive(parameter),
-        "-" if low == high == "-" else f"{low} .. {high}",
-        start or "-",
+        "-" if naive is None else percent(naive, parameter.value),
+        cells.interval(" .. ") or "-",
+        cells.start,
         parameter.remark,
     ]
-
-
-def _naive(parameter: FittedParameter) -> str:
-    if parameter.naive_standard_error is None:
-        return "-"
-    return percent(parameter.naive_standard_error, parameter.value)
 
 
 def _correlations(estimate: Estimate) -> str:
@@ -167,32 +201,33 @@ _PARTS = 4
 
 def format_diagnosis(diagnosis: Diagnosis) -> str:
     """The worst and the best determined products of powers of parameters, with their relative standard errors."""
-    ranked = sorted(diagnosis.combinations, key=lambda found: -found.relative_error)
-    best = ranked[max(_MOST_PRODUCTS, len(ranked) - _MOST_PRODUCTS) :][::-1]
-    text = heading("Products that the data determine least") + _products(ranked[:_MOST_PRODUCTS])
-    if diagnosis.remedy is not None:
-        text += _advice(diagnosis.remedy)
+    least, best = ranked_products(diagnosis)
+    text = heading("Products that the data determine least") + aligned_table("<>", least)
+    if (remedy := diagnosis.remedy) is not None:
+        text += note(f"If {remedy.path} were known from elsewhere, errors would fall: {remedy_gains(remedy)}.")
     if best:
-        text += "\n" + heading("Products that the data determine best") + _products(best)
+        text += "\n" + heading("Products that the data determine best") + aligned_table("<>", best)
         text += note("Exponents are rounded and small ones left out; estimate.json has the exact ones.")
     return text
 
 
-def _products(found: Sequence[Combination]) -> str:
-    return aligned_table("<>", [[_product(each), f"{100 * each.relative_error:.2g} %"] for each in found])
+def ranked_products(diagnosis: Diagnosis, times: str = "  ") -> tuple[list[list[str]], list[list[str]]]:
+    """Rows of the products that are determined least, and of those that are best: each with its relative error."""
+    ranked = sorted(diagnosis.combinations, key=lambda found: -found.relative_error)
+    best = ranked[max(_MOST_PRODUCTS, len(ranked) - _MOST_PRODUCTS) :][::-1]
+    row = lambda each: [_product(each, times), f"{100 * each.relative_error:.2g} %"]
+    return list(map(row, ranked[:_MOST_PRODUCTS])), list(map(row, best))
 
 
-def _advice(remedy: Remedy) -> str:
-    """Name the one parameter whose separate measurement would help most."""
-    gains = ", ".join(f"{path} from {100 * a:.2g} to {100 * b:.2g} %" for path, (a, b) in remedy.errors.items())
-    return note(f"If {remedy.path} were known from elsewhere, errors would fall: {gains}.")
+def remedy_gains(remedy: Remedy) -> str:
+    """What errors would fall to if the one parameter whose separate measurement helps most were known."""
+    return ", ".join(f"{path} from {100 * a:.2g} to {100 * b:.2g} %" for path, (a, b) in remedy.errors.items())
 
 
-def _product(combination: Combination) -> str:
+def _product(combination: Combination, times: str) -> str:
     """Text of a combination, such as "friction.sigma1_b  friction.f_ss_b^-0.42"."""
-    parts = list(combination.exponents.items())
-    text = "  ".join(path if abs(e - 1.0) < 0.005 else f"{path}^{e:.2f}" for path, e in parts[:_PARTS])
-    return text if len(parts) <= _PARTS else f"{text}  ..."
+    parts = [path if abs(e - 1.0) < 0.005 else f"{path}^{e:.2f}" for path, e in combination.exponents.items()]
+    return times.join([*parts[:_PARTS], *["..."] * (len(parts) > _PARTS)])
 
 
 def format_amplification(amplification: Amplification) -> str:
@@ -310,61 +345,27 @@ _NAIVE = "    naive: error with the earlier step taken as exact; corrected: with
 
 
 def format_comparison(joint: Estimate, *others: Estimate) -> str:
-    """Fits side by side: values, and the errors with and without those of the earlier step.
+    """Fits side by side: the values of each parameter, a line per method, with and without errors of the earlier step.
 
     **Arguments:** the `joint` fit, and fits of the same study in two steps, at least one.
     """
-    table = _pair(joint, others[0]) if len(others) == 1 else _stacked(joint, *others)
-    effects = [format_effects(other.amplification) for other in others[:1] if other.amplification is not None]
-    return table + "".join(effects)
-
-
-def _pair(joint: Estimate, sequential: Estimate) -> str:
-    head = ["", "unit", "joint", "+/-", sequential.method, "+/- naive", "+/- corrected", "shift/sigma"]
-    rows = [_compared(joint.parameters[path], sequential.parameters[path]) for path in joint.names]
-    legend = f"{_NAIVE}    shift/sigma: difference of the two values, in corrected standard errors.\n"
-    title = heading(f"{sequential.method.capitalize()} against joint")
-    return title + aligned_table("<<>>>>>>", [head, *rows]) + legend
-
-
-def _compared(joint: FittedParameter, sequential: FittedParameter) -> list[str]:
-    unit, factor = display_unit(joint.unit)
-    places = decimals_for(min(joint.standard_error, sequential.standard_error) * factor)
-    naive = sequential.naive_standard_error
-    return [
-        joint.path,
-        unit,
-        rounded(joint.value * factor, places),
-        percent(joint.standard_error, joint.value),
-        rounded(sequential.value * factor, places),
-        "-" if naive is None else percent(naive, sequential.value),
-        percent(sequential.standard_error, sequential.value),
-        _shift(joint, sequential),
-    ]
-
-
-def _shift(joint: FittedParameter, other: FittedParameter) -> str:
-    shift = (other.value - joint.value) / other.standard_error if other.standard_error else float("nan")
-    return rounded(shift, 2)
-
-
-def _stacked(*estimates: Estimate) -> str:
-    """List the values of each parameter below one another, a line per method."""
+    estimates = [joint, *others]
     head = ["", "", "unit", "value", "+/- naive", "+/- corrected", "shift/sigma"]
-    rows = [row for path in estimates[0].names for row in _ways(path, *estimates)]
+    rows = [row for path in joint.names for row in _ways(path, estimates)]
     legend = f"{_NAIVE}    shift/sigma: distance from the joint fit's value, in corrected standard errors.\n"
-    ways = [estimate.method for estimate in estimates]
-    title = heading(f"{', '.join(ways[:-1])} and {ways[-1]} side by side".capitalize())
-    return title + aligned_table("<<<>>>>", [head, *rows]) + legend
+    *ways, last = [estimate.method for estimate in estimates]
+    title = heading(f"{', '.join(ways)} and {last} side by side".capitalize())
+    effects = [format_effects(other.amplification) for other in others[:1] if other.amplification is not None]
+    return title + aligned_table("<<<>>>>", [head, *rows]) + legend + "".join(effects)
 
 
-def _ways(path: str, *estimates: Estimate) -> list[list[str]]:
-    joint = estimates[0].parameters[path]
+def _ways(path: str, estimates: Sequence[Estimate]) -> list[list[str]]:
+    """The rows of a parameter, that of the joint fit first."""
+    joint, rows = estimates[0].parameters[path], []
     unit, factor = display_unit(joint.unit)
-    rows = []
     for estimate in estimates:
-        found = estimate.parameters[path]
-        first = estimate is estimates[0]
+        found, first = estimate.parameters[path], estimate is estimates[0]
+        shift = (found.value - joint.value) / found.standard_error if found.standard_error else math.nan
         rows.append(
             [
                 path if first else "",
@@ -373,7 +374,7 @@ def _ways(path: str, *estimates: Estimate) -> list[list[str]]:
                 rounded(found.value * factor, decimals_for(found.standard_error * factor)),
                 "" if found.naive_standard_error is None else percent(found.naive_standard_error, found.value),
                 percent(found.standard_error, found.value),
-                "" if first else _shift(joint, found),
+                "" if first else rounded(shift, 2),
             ]
         )
     return rows

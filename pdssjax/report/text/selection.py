@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from ...selection import Comparison, Difference, Misfit, Result, TellingRecord
 from ...study import Record
-from ._layout import aligned_table, heading, note
+from ._layout import aligned_table, counted, heading, note
 
 HEAD = "model", "free", "held out", "+/-", "records", "+/-", "criterion", ""
 """Head of the table of models."""
@@ -59,9 +59,9 @@ def _answer(found: Comparison) -> list[str]:
     if not found.chosen:
         return ["No model gave a fit that can be compared; the reasons are below."]
     chosen, best = found[found.chosen], found[found.best]
-    held = f"{_count(found.blocks, 'block')} of time"
+    held = f"{counted(found.blocks, 'block')} of time"
     if found.whole_records:
-        held += f" and {_count(found.whole_records, 'whole record')}"
+        held += f" and {counted(found.whole_records, 'whole record')}"
     if not (found.blocks or found.whole_records):
         return [
             f"No samples could be held out, so the models cannot be compared; {found.chosen} is the simplest of them."
@@ -188,12 +188,8 @@ def _number(value: float) -> str:
     return f"{value:.1f}" if abs(value) < 1e4 else f"{value:.3g}"
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" + ("s" if number != 1 else "")
-
-
 def _more(parameters: int) -> str:
-    return f"{_count(parameters, 'more parameter')}" if parameters > 0 else "another model"
+    return counted(parameters, "more parameter") if parameters > 0 else "another model"
 
 
 def _listed(names: tuple[str, ...] | list[str]) -> str:

@@ -142,7 +142,7 @@ def format_border(data: "xarray.Dataset") -> str:
         here = data.isel(dict(zip(data.border.dims, place, strict=True)))
         border = float(here.border) * scale
         found = f"{border:.5g}" if np.isfinite(border) else "none"
-        rows.append([*(_border_number(here[name]) for name in data.border.dims), found, f"{float(here.passes):.0f}"])
+        rows.append([*(_number(here[name]) for name in data.border.dims), found, f"{float(here.passes):.0f}"])
     head = [*(_named(data[name]) for name in data.border.dims), _named(data.border), "passes"]
     text = heading(f"Border along {asked['path']}") + aligned_table("<" * data.border.ndim + ">>", [head, *rows])
     if data.border.size > _MOST:
@@ -160,7 +160,3 @@ def format_border(data: "xarray.Dataset") -> str:
 def _named(values: "xarray.DataArray") -> str:
     unit, _ = display_unit(values.attrs["units"])
     return values.attrs["long_name"] if unit in ("", "1") else f"{values.attrs['long_name']} ({unit})"
-
-
-def _border_number(value: "xarray.DataArray") -> str:
-    return f"{float(value) * display_unit(value.attrs['units'])[1]:.5g}"
