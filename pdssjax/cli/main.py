@@ -55,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.showwarning = announce_warnings(warnings.showwarning)
         try:
             given = sys.argv[1:] if arguments is None else list(arguments)
+            _check_values(given)
             options = _parser(given).parse_args(given)
             options.command_line = shlex.join(["pdssjax", *given])
             return options.run(options)
@@ -128,6 +129,21 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         told = f"option {message.removeprefix('argument ')}" if message.startswith("argument -") else message
         raise InputError(told if told.endswith(".") else f"{told} (see {self.prog} --help)")
+
+
+def _check_values(given: Sequence[str]) -> None:
+    """**Raises** `InputError` for an option with "--" as its value, which argparse takes away without a look.
+
+    So it does for a NUL, which no name of a file has.
+    """
+    for argument in given:
+        if "\0" in argument:
+            raise InputError(f"argument {argument!r:.80}: found a NUL character, expected none.")
+        if argument == "--":
+            return
+        name, equals, value = argument.partition("=")
+        if name.startswith("--") and equals and value == "--":
+            raise InputError(f'option {name}: found "--", expected a value.')
 
 
 def _cut(message: str) -> str:

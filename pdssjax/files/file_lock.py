@@ -6,6 +6,7 @@ file is removed with the lock; one that a killed process has left is free.
 
 import contextlib
 import dataclasses
+import errno
 import os
 import shutil
 import sys
@@ -25,6 +26,9 @@ UNFINISHED = ".unfinished-"
 _TRIES = 100
 """How often a lock file that was removed while it was opened is made anew."""
 
+_BUSY = {errno.EAGAIN, errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK, getattr(errno, "EDEADLOCK", errno.EDEADLK)}
+"""Numbers of the errors that say that another process holds a lock."""
+
 _BEYOND = 1 << 20
 """Where in its file the byte lies that Windows locks: beyond the text, which others read."""
 
@@ -35,7 +39,9 @@ class _Held:
 
     descriptor: int | None
     """Descriptor of the open file; None where the disk knows no locks."""
-    holders: int = 0
+    made: list[Path]
+    """Folders that were made for it, the innermost first."""
+    holders: int = 1
     """How often it was taken and not yet given back."""
 
 
@@ -73,42 +79,69 @@ def file_lock(file: Path, about: Path, unfinished: str) -> Iterator[None]:
     **Raises:** `InputError` where another process has it.  Warns with `InputWarning` where the disk knows no locks.
     """
     place = file.absolute().parent.resolve() / file.name
-    made = [folder for folder in place.parents if not folder.exists()]
-    with _guard:
-        if place not in _held:
-            _held[place] = _Held(_locked(place, about))
-            if _held[place].descriptor is not None:
-                _remove_unfinished(place.parent, unfinished)
-        held = _held[place]
-        held.holders += 1
+    _take(place, about, unfinished)
     try:
-        place.parent.mkdir(parents=True, exist_ok=True)  # which somebody may have removed since the lock was taken
         yield
     finally:
-        with _guard, contextlib.suppress(OSError):
-            held.holders -= 1
-            if not held.holders:
-                del _held[place]
-                _unlock(place, held.descriptor)
-            for folder in made:
+        _give_back(place)
+
+
+def _take(place: Path, about: Path, unfinished: str) -> None:
+    with _guard:
+        held = _held.get(place)
+        if held is not None and (held.descriptor is None or _is_file_of(held.descriptor, place)):
+            held.holders += 1
+            return
+        anew = _locked(place, about, unfinished)
+        if held is not None:
+            # Its file was removed by somebody.
+            anew = dataclasses.replace(anew, holders=held.holders + 1)
+            _close(held.descriptor)
+        _held[place] = anew
+
+
+def _give_back(place: Path) -> None:
+    with _guard:
+        held = _held[place]
+        held.holders -= 1
+        if held.holders:
+            return
+        del _held[place]
+        if held.descriptor is not None:
+            is_ours = _is_file_of(held.descriptor, place)
+            if sys.platform == "win32":
+                _close(held.descriptor)
+            # Removed while it is locked: who has opened it meanwhile sees that it is gone, and makes a new one.
+            with contextlib.suppress(OSError):
+                if is_ours:
+                    place.unlink()
+            if sys.platform != "win32":
+                _close(held.descriptor)
+        with contextlib.suppress(OSError):
+            for folder in held.made:
                 folder.rmdir()
 
 
-def _locked(place: Path, about: Path) -> int | None:
-    """The descriptor of the lock file, locked; None where the disk knows no locks, of which a warning tells.
-
-    **Raises:** `InputError` where another process has it.
-    """
+def _locked(place: Path, about: Path, unfinished: str) -> _Held:
+    """The lock, taken."""
+    made = [folder for folder in place.parents if not folder.exists()]
     try:
         for _ in range(_TRIES):
             place.parent.mkdir(parents=True, exist_ok=True)
             with contextlib.suppress(FileNotFoundError):  # whoever had the folder has just removed it
-                descriptor = os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
-                _lock(descriptor, about)
+                descriptor = _opened(place)
+                try:
+                    _lock(descriptor)
+                except OSError as error:
+                    holder = os.read(descriptor, 80).decode(errors="replace").strip()
+                    os.close(descriptor)
+                    if error.errno not in _BUSY:
+                        raise
+                    raise InputError(_busy(about, holder)) from None
                 if _is_file_of(descriptor, place):
-                    os.ftruncate(descriptor, 0)
-                    os.write(descriptor, f"{os.getpid()}\n".encode())
-                    return descriptor
+                    _sign(descriptor)
+                    _remove_unfinished(place, unfinished)
+                    return _Held(descriptor, made)
                 os.close(descriptor)
         raise InputError(_busy(about, ""))
     except OSError as error:
@@ -116,7 +149,7 @@ def _locked(place: Path, about: Path) -> int | None:
             f"{about}: cannot be locked ({error.strerror or error}); see that no other program writes to it meanwhile."
         )
         warnings.warn(told, InputWarning, stacklevel=5)
-        return None
+        return _Held(None, made)
 
 
 def _busy(about: Path, holder: str) -> str:
@@ -124,23 +157,18 @@ def _busy(about: Path, holder: str) -> str:
     return f"{about}: found another pdssjax at work in it{who}, expected another folder, or that it has ended."
 
 
-def _lock(descriptor: int, about: Path) -> None:
-    """Lock an open file without waiting for it, or close it.
-
-    **Raises:** `InputError` where another process has the lock, `OSError` where the disk knows none.
-    """
+def _opened(place: Path) -> int:
     try:
-        _take_lock(descriptor)
-    except (BlockingIOError, PermissionError):  # as POSIX and as Windows say it
-        holder = os.read(descriptor, 80).decode(errors="replace").strip()
-        os.close(descriptor)
-        raise InputError(_busy(about, holder)) from None
-    except OSError:
-        os.close(descriptor)
-        raise
+        return os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
+    except PermissionError:
+        if not place.exists():
+            raise
+        # That of another user; to lock it needs no right to write to it.
+        return os.open(place, os.O_RDONLY)
 
 
-def _take_lock(descriptor: int) -> None:
+def _lock(descriptor: int) -> None:
+    """**Raises** `OSError` where another process has the lock, without waiting for it."""
     if sys.platform == "win32":
         import msvcrt
 
@@ -155,18 +183,11 @@ def _take_lock(descriptor: int) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def _unlock(place: Path, descriptor: int | None) -> None:
-    """Give a lock back, and remove its file."""
-    if descriptor is None:
-        return
-    is_ours = _is_file_of(descriptor, place)
-    if sys.platform == "win32":  # which removes no open file
-        os.close(descriptor)
-    # Removed while it is locked: who has opened it meanwhile sees that it is gone, and makes a new one.
-    if is_ours:
-        place.unlink(missing_ok=True)
-    if sys.platform != "win32":
-        os.close(descriptor)
+def _sign(descriptor: int) -> None:
+    """Write which process has the lock, for messages of others."""
+    with contextlib.suppress(OSError):
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, f"{os.getpid()}\n".encode())
 
 
 def _is_file_of(descriptor: int, place: Path) -> bool:
@@ -178,10 +199,16 @@ def _is_file_of(descriptor: int, place: Path) -> bool:
     return (here.st_dev, here.st_ino) == (there.st_dev, there.st_ino)
 
 
-def _remove_unfinished(folder: Path, unfinished: str) -> None:
-    for path in folder.iterdir():
+def _remove_unfinished(place: Path, unfinished: str) -> None:
+    for path in place.parent.iterdir():
         if path.name.startswith(unfinished):
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 path.unlink(missing_ok=True)
+
+
+def _close(descriptor: int | None) -> None:
+    if descriptor is not None:
+        with contextlib.suppress(OSError):
+            os.close(descriptor)

@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 from ..core import InputError
 from .file_lock import UNFINISHED, folder_lock, is_leftover
@@ -96,6 +97,13 @@ def write_aside(write: Callable[[Path], None]) -> Path:
     return folder
 
 
+_Contents: TypeAlias = dict[str, tuple[int, int]]
+"""Number and time of the last change of each file or folder of the results, by name."""
+
+_reserved: dict[Path, _Contents] = {}
+"""Contents of the folders that commands of this process have reserved, as far as they know."""
+
+
 @contextlib.contextmanager
 def reserved_folder(folder: Path, overwrite: bool) -> Iterator[None]:
     """Reserve `folder` for the results of this process: no other process writes there.
@@ -106,7 +114,12 @@ def reserved_folder(folder: Path, overwrite: bool) -> Iterator[None]:
     with folder_lock(folder):
         # Another process may have put results there before the lock was taken.
         check_free(folder, overwrite)
-        yield
+        place = folder.resolve()
+        _reserved[place] = _contents(place, _RESULTS)
+        try:
+            yield
+        finally:
+            del _reserved[place]
 
 
 @contextlib.contextmanager
@@ -117,17 +130,33 @@ def staging_folder(folder: Path, names: Sequence[str] = _RESULTS) -> Iterator[Pa
     takes the place of the old one in one stroke, after the others of the old results are gone and before those of the
     new ones come: whoever is killed meanwhile leaves it whole, old or new, and nothing beside it that is not its own.
 
-    **Raises:** `InputError` where another process has the folder.
+    **Raises:** `InputError` where another process has the folder, `FileExistsError` where other results have come into
+    it since this one has reserved it.
     """
     with folder_lock(folder), tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=folder) as temporary:
-        staging = Path(temporary)
+        staging, place = Path(temporary), folder.resolve()
         yield staging
-        written = [name for name in reversed(names) if (staging / name).exists()]
-        for name in reversed(names):
-            if name not in written[:1] or (folder / name).is_dir():
-                _remove(folder / name)
-        for name in written:
-            (staging / name).replace(folder / name)
+        if place in _reserved and _reserved[place] != _contents(place, _RESULTS):
+            raise FileExistsError("other results have come into it meanwhile")
+        try:
+            written = [name for name in reversed(names) if (staging / name).exists()]
+            for name in reversed(names):
+                if name not in written[:1] or (folder / name).is_dir():
+                    _remove(folder / name)
+            for name in written:
+                (staging / name).replace(folder / name)
+        finally:
+            if place in _reserved:
+                _reserved[place] = _contents(place, _RESULTS)
+
+
+def _contents(folder: Path, names: Sequence[str]) -> _Contents:
+    found: _Contents = {}
+    for name in names:
+        with contextlib.suppress(OSError):
+            told = (folder / name).stat()
+            found[name] = told.st_ino, told.st_mtime_ns
+    return found
 
 
 def _remove(path: Path) -> None:

@@ -1,9 +1,9 @@
 """Writes a study anew with other numbers: starts of what is free, values of what is fixed, drives of records."""
 
-import contextlib
 import math
 import os
 import re
+import tempfile
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +11,6 @@ from pathlib import Path
 import tomlkit
 
 from ..core import Document, InputError
-from .file_lock import UNFINISHED
 from .study_toml import FORMAT, load_study
 
 _HEAD = "# Made by pdssjax explore from"
@@ -38,17 +37,26 @@ def save_study(
     _check_target(source, target, overwrite)
     text = _text(source, target, values, drives)
     # Beside its place, so that relative paths lead to the same files once it has its name.
-    made = target.with_name(f"{UNFINISHED}{target.name}")
+    handle, name = tempfile.mkstemp(".toml", ".unfinished-", target.parent)
+    os.close(handle)
+    made = Path(name)
     try:
         made.write_text(text, encoding="utf-8")
+        made.chmod(0o644)
         _check(made, target)
-        made.replace(target)
+        _move(made, target, overwrite)
     finally:
         made.unlink(missing_ok=True)
     return target
 
 
 def _check_target(source: Path, target: Path, overwrite: bool) -> None:
+    try:
+        os.stat(target)
+    except ValueError:
+        raise InputError(f"found {str(target)!r}, expected a name that a file can have.") from None
+    except OSError:  # nothing is there yet, or what follows says what is wrong
+        pass
     if target.suffix != ".toml":
         raise InputError(f'{target}: found a name that does not end in ".toml", expected that of a study.')
     if not target.parent.is_dir():
@@ -63,10 +71,13 @@ def _check_target(source: Path, target: Path, overwrite: bool) -> None:
 
 def _is_study(path: Path) -> bool:
     """Whether a file says that it is a study, of any version of the format."""
-    with contextlib.suppress(OSError, ValueError):
-        found = tomllib.loads(path.read_text(encoding="utf-8-sig")).get("format")
-        return isinstance(found, str) and found.startswith(FORMAT.partition("/")[0] + "/")
-    return False
+    if not path.is_file():
+        return False
+    try:
+        format_ = tomllib.loads(path.read_text(encoding="utf-8-sig")).get("format")
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        return False
+    return isinstance(format_, str) and format_.startswith(FORMAT.partition("/")[0] + "/")
 
 
 def _text(
@@ -110,3 +121,15 @@ def _check(made: Path, target: Path) -> None:
         load_study(made)
     except InputError as error:
         raise InputError(str(error).replace(str(made), str(target))) from None
+
+
+def _move(made: Path, target: Path, overwrite: bool) -> None:
+    if overwrite:
+        made.replace(target)
+        return
+    try:
+        os.link(made, target)  # fails where something has come there meanwhile
+    except FileExistsError:
+        raise InputError(f"{target}: found a file there already, expected another name.") from None
+    except OSError:  # a disk without links
+        made.rename(target)

@@ -58,7 +58,7 @@ def test_options_that_are_whole_numbers_are_known():
     assert not any(action.type in (int, float) for name in COMMANDS for action in options_of(name))
 
 
-@pytest.mark.parametrize("value", ["-1", "1.5", "nan", "inf", "1e999", "x", "", "1_0", "9" * 5000, str(2**64)])
+@pytest.mark.parametrize("value", ["-1", "1.5", "nan", "inf", "1e999", "x", "", "--", "1_0", "9" * 5000, str(2**64)])
 @pytest.mark.parametrize(("name", "option"), WHOLE)
 def test_a_whole_number_out_of_its_range_is_refused_before_any_work(name, option, value, capsys):
     line = refused([name, *NEEDED[name], f"{option}={value}"], capsys)
@@ -72,6 +72,20 @@ def test_its_ends_are_taken(name, option):
     taken = lambda value: vars(command.parse_args([*NEEDED[name], f"{option}={value}"]))[option[2:]]
     assert taken("12") == 12 and (option != "--seed" or taken(str(MOST_SEED)) == MOST_SEED)
     assert option != "--cycles" or taken("steady") == "steady"
+
+
+def test_a_nul_is_refused(capsys):
+    said = refused(["simulate", "study.toml", "--out", "o\0ut"], capsys)
+    assert said.startswith("pdssjax: error: argument 'o\\x00ut': found a NUL character")
+
+
+@pytest.mark.parametrize("name", NEEDED)
+def test_two_dashes_are_no_value(name, capsys):
+    for action in options_of(name):
+        option = action.option_strings[-1]
+        assert refused([name, *NEEDED[name], f"{option}=--"], capsys).startswith(
+            f"pdssjax: error: option {option}: found"
+        )
 
 
 @pytest.mark.parametrize(

@@ -214,10 +214,7 @@ def test_the_numbers_are_saved_as_a_study_and_over_nothing_unasked(page, folder)
     suggested = path.input_value()
     (folder / "tool.toml").write_text("[tool]")
     page.locator(".save-replace input").check()
-    for name, why in {
-        "plan.txt": "found a name",
-        "tool.toml": "found a file that is no study",
-    }.items():
+    for name, why in {"a\0b.toml": "expected a name", "tool.toml": "found a file that is no study"}.items():
         path.evaluate("(e, name) => { e.value = name; e.dispatchEvent(new Event('change')); }", name)
         page.locator(".save button").click()
         said(page, "save-said", f"Not saved: .*{why}")

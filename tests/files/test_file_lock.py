@@ -91,24 +91,39 @@ def test_folders_that_were_made_for_a_lock_go_with_it_unless_something_is_in_the
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["found"]
 
 
-def test_a_folder_that_was_removed_under_a_command_is_made_anew(tmp_path):
+def test_a_folder_that_was_removed_under_a_command_is_locked_anew(tmp_path):
     out = tmp_path / "out"
     with reserved_folder(out, overwrite=False):
         (out / LOCK).unlink()
         out.rmdir()
         with staging_folder(out) as staging:
             (staging / "estimate.json").write_text("new")
+            assert (out / LOCK).exists()
     assert [path.name for path in out.iterdir()] == ["estimate.json"]
 
 
+def test_results_that_came_from_elsewhere_meanwhile_are_not_replaced(tmp_path):
+    with reserved_folder(tmp_path, overwrite=False):
+        for text in ("first", "second"):  # its own it replaces
+            with staging_folder(tmp_path) as staging:
+                (staging / "estimate.json").write_text(text)
+        with pytest.raises(FileExistsError, match="other results"), staging_folder(tmp_path) as staging:
+            (staging / "estimate.json").write_text("third")
+            (tmp_path / "report.txt").write_text("of another command, where the disk knows no locks")
+    assert {path.name: path.read_text()[:6] for path in tmp_path.iterdir()} == {
+        "estimate.json": "second",
+        "report.txt": "of ano",
+    }
+
+
 def test_results_that_were_written_before_the_lock_was_had_are_seen(tmp_path, monkeypatch):
-    locked = file_lock._locked
+    taken = file_lock._take
 
-    def late(place, about):
+    def late(place, about, unfinished):
         (tmp_path / "estimate.json").write_text("of a command that has just ended")
-        return locked(place, about)
+        taken(place, about, unfinished)
 
-    monkeypatch.setattr(file_lock, "_locked", late)
+    monkeypatch.setattr(file_lock, "_take", late)
     with pytest.raises(InputError, match="found results already"), reserved_folder(tmp_path, overwrite=False):
         pytest.fail("replaced")
 
@@ -117,7 +132,7 @@ def test_a_disk_without_locks_is_said_and_used(tmp_path, monkeypatch):
     def refuse(descriptor):
         raise OSError(38, "Function not implemented")
 
-    monkeypatch.setattr(file_lock, "_take_lock", refuse)
+    monkeypatch.setattr(file_lock, "_lock", refuse)
     told = pytest.warns(InputWarning, match=r"cannot be locked \(Function not implemented\)")
     with told, reserved_folder(tmp_path / "out", overwrite=False), staging_folder(tmp_path / "out") as staging:
         (staging / "estimate.json").write_text("new")
@@ -125,7 +140,7 @@ def test_a_disk_without_locks_is_said_and_used(tmp_path, monkeypatch):
 
 
 def test_a_lock_file_that_is_removed_while_it_is_opened_is_made_again(tmp_path, monkeypatch):
-    lock, count = file_lock._take_lock, []
+    lock, count = file_lock._lock, []
 
     def removed(descriptor):
         count.append(0)
@@ -133,6 +148,6 @@ def test_a_lock_file_that_is_removed_while_it_is_opened_is_made_again(tmp_path, 
             (tmp_path / LOCK).unlink()
         lock(descriptor)
 
-    monkeypatch.setattr(file_lock, "_take_lock", removed)
+    monkeypatch.setattr(file_lock, "_lock", removed)
     with folder_lock(tmp_path):
         assert len(count) == 3 and Path(tmp_path / LOCK).exists()

@@ -86,6 +86,8 @@ def test_a_study_that_cannot_be_read_any_more_is_replaced(source, tmp_path):
 @pytest.mark.parametrize(
     ("name", "values", "said"),
     [
+        ("a\0b.toml", VALUES, "expected a name that a file can have"),
+        ("\ud800.toml", VALUES, "expected a name that a file can have"),
         ("~nobody-at-all/new.toml", VALUES, "there is no folder"),
         ("new.txt", VALUES, "does not end in"),
         ("none/new.toml", VALUES, "there is no folder"),

@@ -255,7 +255,10 @@ def test_a_store_of_other_arrays_is_refused(tmp_path, study, quick, damage, said
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("changed", [{"points": 0}, {"points": 399}, {"points": 401}, {"points": 10**9}, {"lanes": 32}])
+@pytest.mark.parametrize(
+    "changed",
+    [{"points": 0}, {"points": 399}, {"points": 401}, {"points": 10**9}, {"lanes": 0}, {"lanes": 64.5}, {"lanes": 32}],
+)
 def test_a_store_with_other_attributes_gives_no_wrong_numbers(tmp_path, study, quick, changed):
     whole = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
     file = tmp_path / "s.zarr" / "zarr.json"

@@ -45,9 +45,6 @@ ODD = [
 ]
 """In place of numbers and words."""
 
-TYPED = [text for text in ODD if text not in ("\0", "--")]
-"""The same for options: no shell passes the first, and argparse of Python 3.11 itself fails at the second."""
-
 NUMBER = re.compile(r'"[^"\n]*"|[-+]?\d[\w.+-]*|\b[a-z_]+\b')
 
 
@@ -259,7 +256,7 @@ def of_options(folder: Path) -> Callable[[random.Random], None]:
         ):
             option = dice.choice(action.option_strings or ["--"])
             count = {None: 1, 0: 0, 2: 2, "?": dice.randrange(2), "+": dice.randrange(1, 3)}.get(action.nargs, 1)
-            texts = [str(dice.choice([*TYPED, *words, *words, *(action.choices or []), *places])) for _ in range(count)]
+            texts = [str(dice.choice([*ODD, *words, *words, *(action.choices or []), *places])) for _ in range(count)]
             given += [f"{option}={texts[0]}"] if texts and dice.random() < 0.3 else [option, *texts]
         if dice.random() < 0.8 and any(action.dest == "out" for action in known):
             given += ["--out", str(folder / "out")]
