@@ -71,14 +71,6 @@ def test_a_predicted_record_with_a_parameter_of_its_own_does_not_accuse_the_mode
     assert ("does not carry over" in note) == (not is_local)
 
 
-# By default `test_notes` has records that contradict each other.
-@pytest.mark.slow
-def test_shared_parameters_alone_contradict_and_that_is_said(tmp_path):
-    study = pdssjax.load_study(write(tmp_path, STUDY.replace('"piezo.gain@other" = {}\n', "")))
-    (note,) = [n for n in pdssjax.identify(study).notes if "contradict" in n]
-    assert '"r0"' in note and "piezo.gain" in note
-
-
 def test_an_estimate_is_read_again_with_its_conditions(tmp_path, capsys):
     study = write(tmp_path)
     assert main(["identify", str(study), "--out", str(tmp_path / "out")]) == 0

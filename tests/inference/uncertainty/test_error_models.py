@@ -145,14 +145,12 @@ def test_a_misfit_s_covariance_is_one(periodic):
 
 
 def test_the_size_of_a_misfit_is_found():
-    phases = np.arange(150) / 150
-    root = np.linalg.cholesky(4.0 * matern(distances(phases, True), 0.08) + 1e-9 * np.eye(150))
+    phases, random = np.arange(100) / 100, np.random.default_rng(4)
+    root = np.linalg.cholesky(4.0 * matern(distances(phases, True), 0.08) + 1e-9 * np.eye(100))
     slopes = np.cos(2 * np.pi * phases)[:, None]
     found = [
-        phase_process(
-            root @ RANDOM.normal(size=150) + 0.3 * RANDOM.normal(size=150), slopes, 0.09 * np.eye(150), phases, True
-        )
-        for _ in range(12)
+        phase_process(root @ process + 0.3 * noise, slopes, 0.09 * np.eye(100), phases, True)
+        for process, noise in random.normal(size=(40, 2, 100))
     ]
     assert np.median([np.mean(np.diag(f.covariance)) for f in found]) == pytest.approx(4.0, rel=0.3)
     assert np.median([f.length for f in found]) == pytest.approx(0.08, rel=0.3)
@@ -168,9 +166,9 @@ def test_white_residuals_are_evidence_of_nothing_and_all_errors_agree():
 
 
 def test_a_misfit_that_repeats_is_seen_and_more_cycles_do_not_average_it_away():
-    misfit = np.sin(7.0 * PHASE**2)
-    record = fitted(0.3 * coloured_noise(0.5) + misfit)
-    less = fitted((0.3 * coloured_noise(0.5) + misfit)[:80], design=DESIGN[:80], time=TIME[:80])
+    misfit, random = np.sin(7.0 * PHASE**2), np.random.default_rng(4)
+    record = fitted(0.3 * coloured_noise(0.5, random=random) + misfit)
+    less = fitted((0.3 * coloured_noise(0.5, random=random) + misfit)[:80], design=DESIGN[:80], time=TIME[:80])
     assert WithMisfit().share(record).evidence > 50.0
     ratios = np.sqrt(np.diag(WithMisfit().share(record).covariance) / np.diag(WithMisfit().share(less).covariance))
     np.testing.assert_allclose(ratios, 1.0, atol=0.3)
