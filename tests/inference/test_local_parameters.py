@@ -5,7 +5,7 @@ import json
 import fabricated
 import numpy as np
 import pytest
-from record_tables import SHORT, step_table
+from record_tables import SHORT, STEP_HEAD, step_table
 
 import pdssjax
 from pdssjax import InputError
@@ -16,17 +16,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 GAIN, OTHER, RATE, DAMPING, NOISE = 1.1e-7, 1.3e-7, 6000.0, 0.2, 1e-8
 TIME = np.arange(-0.005, 0.035, 5e-5)
-STUDY = """\
-format = "pdssjax-study/1"
-[actuator]
-piezo = "second-order"
-friction = "coulomb"
-[parameters]
-"piezo.gain" = {}
-"piezo.gain@other" = {}
-"piezo.natural_frequency" = {}
-"piezo.damping_ratio" = {}
-"""
+STUDY = STEP_HEAD.replace('"piezo.gain" = {}\n', '"piezo.gain" = {}\n"piezo.gain@other" = {}\n')
 
 
 def write(folder, text=STUDY, lines=("", 'conditions = ["other"]', 'conditions = ["other", "warm"]')):
