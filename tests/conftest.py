@@ -13,6 +13,7 @@ import sys
 import equinox as eqx
 import jax
 import pytest
+import threadpoolctl
 from stand_ins import calls as calls, undrawn as undrawn
 
 from pdssjax import prepare_jax
@@ -32,6 +33,8 @@ def pytest_configure(config):
     flags += ["--xla_llvm_disable_expensive_passes=true", "--xla_cpu_parallel_codegen_split_count=1"]
     # XLA reads them when the first computation is asked for.
     os.environ["XLA_FLAGS"] = " ".join(flags)
+    # The matrices of tests are small: a second thread of NumPy's waits, at full load, longer than it works.
+    threadpoolctl.threadpool_limits(1, "blas")
     prepare_jax(dedicated=True)
 
 

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from independent_laws import LawRig, simulate
+from independent import Rig, simulate
 from laws.dahl import Dahl
 from laws.elastoplastic import Elastoplastic
 from laws.lugre import LuGre
@@ -27,7 +27,7 @@ def test_rigs_move_as_the_simulator_that_locates_events_has_it(law):
     rig, walk = drawn(law), drawn_rigs.Walk("fast", 25.0, 1, False, "fit")
     contact = KINDS[law](**rig.contact, **({"sigma2": 0.0} if "v_s" in rig.contact else {}))
     numbers = {name: getattr(rig, name) for name in ("gain", "frequency", "damping", "mass", "fall", "voltage")}
-    given = LawRig(**numbers, cycle=0.04, forward=False, law=contact)
+    given = Rig(**numbers, cycle=0.04, forward=False, law=contact)
     times = walk.times[:100]
     np.testing.assert_allclose(
         drawn_rigs.walked(rig, walk, times), simulate(given, times, 1e-10, 5e-5)[:, 1], rtol=0.0, atol=1e-12

@@ -1,7 +1,5 @@
 """The experiments on performance (chapters 2 and 3) give their key numbers; whole programs are behind `slow`."""
 
-import math
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -15,8 +13,6 @@ from experiments import (
     reconciliation,
     rival_models,
 )
-from pdssjax import Actuator
-from pdssjax.piezo.second_order import SecondOrder
 
 
 def test_the_published_speeds_and_efficiencies_imply_a_stroke_2_and_5_per_cent_below_the_published_gain():
@@ -38,12 +34,6 @@ def test_no_normal_force_reconciles_both_coefficients_with_both_breakaway_forces
     # The ratio of the forces over the ratio of the coefficients, whatever presses.
     assert need_a / need_b == pytest.approx((0.7964 / 0.5458) / (0.495 / 0.432))
     assert friction_tests.weight() == pytest.approx(0.8434, abs=1e-4)
-
-
-def test_in_a_v_groove_of_90_degrees_the_normal_forces_add_up_to_root_2_weights():
-    # Each flank, at 45 degrees, carries a normal force whose vertical part is half the weight.
-    each = 0.5 / math.cos(math.pi / 4)
-    assert pytest.approx(2.0 * each) == friction_tests.GROOVE
 
 
 @pytest.mark.slow
@@ -73,13 +63,6 @@ def test_the_walks_of_the_fit_are_those_of_the_experiment_where_the_parameters_a
     predicted = np.asarray(performance.walks(jnp.zeros(len(performance.PARAMETERS)), "deflection"))
     np.testing.assert_allclose(predicted[:4], [88.61, 19.00, 53.37, 53.37], atol=0.02)
     np.testing.assert_allclose(predicted[4:], 0.01 * predicted[[0, 2]] * 1e6 * published.STROKE * 5.0, rtol=1e-9)
-
-
-def test_the_isotropic_stand_in_is_the_mean_of_both_directions_and_knows_none():
-    law = published.law(published.ISOTROPIC)
-    assert law.f_ss_a == law.f_ss_b == pytest.approx(0.6711)
-    assert law.sigma0_a == law.sigma0_b and law.sigma1_a == law.sigma1_b
-    assert isinstance(Actuator(SecondOrder(), law).friction, type(law))
 
 
 @pytest.mark.slow

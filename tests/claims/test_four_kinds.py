@@ -6,19 +6,13 @@ from pathlib import Path
 
 import four_kinds
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax import Accuracy, Amplifier, Study, Taylor
-from pdssjax.actuator import DrivenPlatform
+from pdssjax import Study
 from pdssjax.cli.main import main
-from pdssjax.drive.step import Step
 from pdssjax.inference import guess_starts
-from pdssjax.integration import TIGHT
-from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import PlatformOnly, sensor_samples
 from pdssjax.study import make_recordings
 
 
@@ -83,18 +77,6 @@ def test_every_start_guessed_from_four_kinds_is_within_a_factor_of_four(rig):
         assert 0.25 < starts[path] / true[path] < 4.0, path
 
 
-@pytest.mark.slow
-def test_four_kinds_fitted_together_give_the_truth_within_its_errors(rig):
-    study, true = rig
-    rough = {path: true[path] * (0.9, 1.1)[i % 2] for i, path in enumerate(sorted(free(study)))}
-    quick = Accuracy(tolerance=1e-10, settle_tolerance=1e-11, method=Taylor(8))
-    estimate = pdssjax.identify(study.with_starts(rough), accuracy=quick)
-    assert estimate.converged and likely(estimate)
-    told = pulls(estimate, true)
-    assert set(told) == free(study)
-    assert max(map(abs, told.values())) < 3.0
-
-
 def test_steps_of_the_platform_alone_tell_its_piezo_and_say_that_they_tell_nothing_else(step):
     study, true = step
     estimate = pdssjax.identify(study)
@@ -109,27 +91,6 @@ def test_a_study_that_has_never_predicted_can_be_predicted_under_jit(step):
     compiled = jax.jit(study.predict)(true)
     for now, later in zip(compiled, study.predict(true), strict=True):
         np.testing.assert_allclose(now, later, rtol=1e-9, atol=1e-15)
-
-
-@jax.jit
-def behind_an_amplifier(bandwidth, tolerance, settle_tolerance):
-    """The platform [m], and its derivative by the bandwidth."""
-    accuracy, times = Accuracy(tolerance, settle_tolerance), jnp.linspace(0.0, 0.02, 80)
-    system = lambda bandwidth: PlatformOnly(DrivenPlatform(SecondOrder(), Amplifier(bandwidth)), Step(60.0))
-    motion = lambda bandwidth: sensor_samples(system(bandwidth), times, accuracy)
-    return jax.jvp(motion, (bandwidth,), (jnp.ones(()),))
-
-
-# By default `tests/actuator/test_amplifier.py` has the derivatives behind an amplifier.
-@pytest.mark.slow
-@pytest.mark.parametrize("bandwidth", [2000.0, 2775.0])
-def test_a_step_behind_an_amplifier_keeps_its_derivatives_long_after_the_transient(bandwidth):
-    motion, slope = (
-        lambda bandwidth, a=a, i=i: behind_an_amplifier(bandwidth, a.tolerance, a.settle_tolerance)[i]
-        for i, a in enumerate((TIGHT, Accuracy()))
-    )
-    expected = (motion(bandwidth + 0.1) - motion(bandwidth - 0.1)) / 0.2
-    np.testing.assert_allclose(slope(bandwidth), expected, rtol=0.0, atol=1e-4 * float(jnp.abs(expected).max()))
 
 
 @pytest.mark.slow

@@ -1,11 +1,14 @@
 """Differentiating the steps of an ordinary solver misses how events move: by how much, docs/numerics.md draws."""
 
 import numpy as np
+import pytest
 
 from benchmarks.plain_differentiation import SHOWN, derivatives, draw
 from benchmarks.problem import NAMES, Problem, column_errors
 
 
+# By default `test_benchmarks` has a solver whose Jacobian is wrong.
+@pytest.mark.slow
 def test_a_differentiated_solver_is_wrong_where_pdssjax_is_right():
     problem = Problem(cycles=2, samples=81)
     found = derivatives(problem)

@@ -1,5 +1,6 @@
 """What a constant velocity does to a law, in closed form, against the law's own rates and guards."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,21 +18,20 @@ DAHLS = [Dahl(exponent=exponent) for exponent in (0.5, 1.0 - 1e-7, 1.5)]
 every = pytest.mark.parametrize("law", [*READINGS, *DAHLS], ids=lambda law: type(law).__name__)
 
 
-def stepped(law: AbstractFriction, state, v: float, elapsed: float, count: int):
-    """The state after many small steps of the law's rates (the classical Runge-Kutta method), events in between."""
-    sign, step = float(np.sign(v)), elapsed / count
-    rates = jax.jit(lambda z: jnp.stack([0.0 * a + r for a, r in zip(z, law.rate(tuple(z), v, sign), strict=True)]))
+@eqx.filter_jit
+def stepped(law: AbstractFriction, state, v, elapsed):
+    """The state after 2000 steps of the law's rates (the classical Runge-Kutta method), events in between."""
+    sign, step = jnp.sign(v), elapsed / 2000
+    rates = lambda z: jnp.stack([0.0 * a + r for a, r in zip(z, law.rate(tuple(z), v, sign), strict=True)])
 
-    @jax.jit
-    def one(z):
+    def one(_, z):
         a = rates(z)
         b = rates(z + 0.5 * step * a)
         c = rates(z + 0.5 * step * b)
         z = z + step / 6.0 * (a + 2.0 * b + 2.0 * c + rates(z + step * c))
-        return jnp.stack(law.on_velocity_jump(tuple(z), jnp.asarray(v), sign))
+        return jnp.stack(law.on_velocity_jump(tuple(z), v, sign))
 
-    z = jnp.stack(state)
-    return tuple(jax.lax.fori_loop(0, count, lambda _, z: one(z), z))
+    return tuple(jax.lax.fori_loop(0, 2000, one, jnp.stack(state)))
 
 
 def begun(law: AbstractFriction, sign: float):
@@ -48,14 +48,12 @@ def test_it_is_what_small_steps_lead_to_forwards_and_back(law, travel):
     if not law.initial():
         assert law.slide((), jnp.asarray(1e-3), jnp.asarray(1.0), 1.0) == ()
         return
-    v = 1e-3
-    there = law.slide(begun(law, 1.0), jnp.asarray(v), jnp.asarray(travel / v), 1.0)
-    assert force(law, there, v) == pytest.approx(
-        force(law, stepped(law, begun(law, 1.0), v, travel / v, 2000), v), abs=1e-3
-    )
-    back = law.on_velocity_jump(law.on_reversal(there, -1.0), jnp.asarray(-v), -1.0)
-    slid = law.slide(back, jnp.asarray(-v), jnp.asarray(travel / v), -1.0)
-    assert force(law, slid, -v) == pytest.approx(force(law, stepped(law, back, -v, travel / v, 2000), -v), abs=1e-3)
+    v, lasts = jnp.asarray(1e-3), jnp.asarray(travel / 1e-3)
+    there = law.slide(begun(law, 1.0), v, lasts, 1.0)
+    assert force(law, there, 1e-3) == pytest.approx(force(law, stepped(law, begun(law, 1.0), v, lasts), 1e-3), abs=1e-3)
+    back = law.on_velocity_jump(law.on_reversal(there, -1.0), -v, -1.0)
+    slid = law.slide(back, -v, lasts, -1.0)
+    assert force(law, slid, -1e-3) == pytest.approx(force(law, stepped(law, back, -v, lasts), -1e-3), abs=1e-3)
 
 
 @every

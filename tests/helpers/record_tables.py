@@ -32,3 +32,16 @@ def sawtooth_table(
     numbers = f'direction = "{direction}", voltage = "{voltage}", frequency = "{frequency}"'
     drive = f'drive = {{ waveform = "sawtooth", {numbers} }}'
     return record_table(name, "effector", *lines, drive, columns=columns)
+
+
+STEP_HEAD = """\
+format = "pdssjax-study/1"
+[actuator]
+piezo = "second-order"
+friction = "coulomb"
+[parameters]
+"piezo.gain" = {}
+"piezo.natural_frequency" = {}
+"piezo.damping_ratio" = {}
+"""
+"""Of a study whose records are steps of the platform alone."""

@@ -39,13 +39,13 @@ def models(
 
 
 @cache
-def compiled(reading: str, feedback: bool, rests: bool = False, drive: type = Sawtooth, batch: bool = False):
+def compiled(reading: str, feedback: bool, rests: bool = False, drive: type = Sawtooth):
     """`simulate` as a function of (numbers, times, tolerance, rest)."""
 
     def run(numbers, times, tolerance, settle_tolerance):
         return simulate(*models(numbers, reading, feedback, drive, rests), times, Accuracy(tolerance, settle_tolerance))
 
-    return jax.jit(jax.vmap(run, (0, None, None, None)) if batch else run)
+    return jax.jit(run)
 
 
 @cache

@@ -5,14 +5,13 @@ import itertools
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import pdssjax
 from pdssjax import Accuracy, Drawing, InputError
 from pdssjax.files import EXAMPLE
-from pdssjax.inference.draws import each_done, same_run, stream
+from pdssjax.inference.draws import same_run, stream
 from pdssjax.inference.kept_fit import run_settings
 
 
@@ -23,16 +22,6 @@ def test_streams_differ_by_purpose_and_by_every_number():
     for some, other in itertools.combinations(drawn, 2):
         assert abs(np.corrcoef(some, other)[0, 1]) < 0.08
     np.testing.assert_array_equal(stream(0, "learn", 0).random(5), stream(0, "learn", 0).random(5))
-
-
-def precision(task):
-    return str(jnp.zeros(1).dtype)
-
-
-@pytest.mark.slow
-def test_other_processes_too_work_in_double_precision():
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        assert list(each_done(precision, [0], pool)) == [(0, "float64")]
 
 
 @pytest.fixture(scope="module")

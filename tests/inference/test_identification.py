@@ -1,6 +1,5 @@
 """An identification finds the truth, says how well it knows it, and what it cannot know."""
 
-import dataclasses
 import json
 import math
 
@@ -135,13 +134,3 @@ def test_the_sequential_fit_agrees_and_its_errors_are_carried_on(joint, sequenti
         assert from_sequential.standard_error > 0.95 * from_joint.standard_error
     shift = [sequential.parameters[path] for path in REACHABLE if path.startswith("friction")]
     assert any(p.naive_standard_error < 0.999 * p.standard_error for p in shift)
-
-
-def test_noise_left_out_is_estimated(example, joint):
-    silent = tuple(dataclasses.replace(record, noise=None) for record in example.records)
-    found = pdssjax.identify(starting(dataclasses.replace(example, records=silent), joint))
-    assert found.converged
-    for record in found.records:
-        assert record.noise == pytest.approx(1.04e-8, rel=0.05)
-    for path in REACHABLE:
-        assert abs(found.parameters[path].value - TRUTH[path]) < 3.0 * found.parameters[path].standard_error

@@ -5,7 +5,7 @@ import json
 import fabricated
 import numpy as np
 import pytest
-from record_tables import SHORT, step_table
+from record_tables import SHORT, STEP_HEAD, step_table
 
 import pdssjax
 from pdssjax import InputError
@@ -16,17 +16,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 GAIN, OTHER, RATE, DAMPING, NOISE = 1.1e-7, 1.3e-7, 6000.0, 0.2, 1e-8
 TIME = np.arange(-0.005, 0.035, 5e-5)
-STUDY = """\
-format = "pdssjax-study/1"
-[actuator]
-piezo = "second-order"
-friction = "coulomb"
-[parameters]
-"piezo.gain" = {}
-"piezo.gain@other" = {}
-"piezo.natural_frequency" = {}
-"piezo.damping_ratio" = {}
-"""
+STUDY = STEP_HEAD.replace('"piezo.gain" = {}\n', '"piezo.gain" = {}\n"piezo.gain@other" = {}\n')
 
 
 def write(folder, text=STUDY, lines=("", 'conditions = ["other"]', 'conditions = ["other", "warm"]')):
@@ -69,14 +59,6 @@ def test_a_predicted_record_with_a_parameter_of_its_own_does_not_accuse_the_mode
     assert 'times the noise given in "r1"' in note
     assert ("knows, piezo.gain@other: these were not fitted" in note) == is_local
     assert ("does not carry over" in note) == (not is_local)
-
-
-# By default `test_notes` has records that contradict each other.
-@pytest.mark.slow
-def test_shared_parameters_alone_contradict_and_that_is_said(tmp_path):
-    study = pdssjax.load_study(write(tmp_path, STUDY.replace('"piezo.gain@other" = {}\n', "")))
-    (note,) = [n for n in pdssjax.identify(study).notes if "contradict" in n]
-    assert '"r0"' in note and "piezo.gain" in note
 
 
 def test_an_estimate_is_read_again_with_its_conditions(tmp_path, capsys):

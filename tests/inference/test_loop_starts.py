@@ -163,15 +163,3 @@ def test_columns_are_what_the_model_moves_by(name):
     system = PlatformOnly(DrivenPlatform(stack(**weights, **numbers)), Sampled(time, volts))
     motion = sensor_samples(system, time, Accuracy(max_steps=20000), segments=time.size + 1)
     np.testing.assert_allclose(motion, sum(weights[n] * columns[n] for n in columns), atol=1e-12)
-
-
-@pytest.mark.slow
-def test_a_long_stack_is_fitted_down_to_the_noise_and_says_how_long_it_takes(tmp_path):
-    loaded, weights = study(tmp_path, elements=10, count=4000)
-    told = []
-    estimate = pdssjax.identify(loaded, progress=told.append)
-    (record,) = estimate.records
-    assert estimate.converged and record.rmse < 1.05 * NOISE
-    assert any("thresholds and times beside" in line and line.endswith(" s") for line in told)
-    total = sum(estimate.parameters[f"piezo.play_{j}"].value for j in range(1, 11))
-    assert total == pytest.approx(weights.sum(), rel=0.05)

@@ -1,7 +1,6 @@
 """A study by another integrator or another minimiser: by key, by option, by argument."""
 
 import dataclasses
-import json
 
 import diffrax
 import numpy as np
@@ -11,7 +10,6 @@ from platform_study import PLATFORM, write_platform
 
 import pdssjax
 from pdssjax import Accuracy, InputError, OneStep, Taylor
-from pdssjax.cli.main import main
 from pdssjax.integration import SOLVERS, accuracy_with, step_method
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -34,32 +32,6 @@ def test_a_study_is_identified_by_another_integrator_and_minimiser(tmp_path):
     found = pdssjax.identify(study, minimiser=dogleg)
     assert found.converged, found.message
     assert np.abs(differences(usual, found)).max() < 0.01
-
-
-@pytest.fixture(scope="module")
-def by_taylor(tmp_path_factory):
-    return identified_example(tmp_path_factory.mktemp("taylor"))
-
-
-def identified_example(folder, *options):
-    """The parameters that the command identifies of the packaged example, as its estimate.json has them."""
-    assert main(["identify", *options, "--out", str(folder)]) == 0
-    document = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))
-    assert document["converged"] and document["solver"] == (options[1] if options else "taylor")
-    return document["parameters"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("solver", ["tsit5", "dopri8", "kvaerno5"])
-def test_the_example_is_identified_wholly_by_another_integrator(solver, by_taylor, tmp_path):
-    other = identified_example(tmp_path, "--solver", solver)
-    away = {
-        path: (other[path]["value"] - parameter["value"]) / parameter["standard_error"]
-        for path, parameter in by_taylor.items()
-        if parameter["free"]
-    }
-    assert len(away) == 9
-    assert max(map(abs, away.values())) < 0.01, away
 
 
 def test_every_name_is_a_step_method():

@@ -4,9 +4,6 @@ import dataclasses
 import json
 import math
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from platform_study import DAMPING, GAIN, NOISE_LINE, PLATFORM, RATE, ZERO, write_platform
@@ -88,27 +85,6 @@ def test_the_command_says_by_its_status_whether_it_worked(tmp_path, monkeypatch,
     written = json.loads((tmp_path / "b" / "estimate.json").read_text())
     assert not written["converged"]
     assert "no convergence within 1 iterations" in written["message"]
-
-
-def test_predictions_can_be_differentiated_mapped_and_compiled(tmp_path):
-    study = pdssjax.load_study(write_platform(tmp_path))
-    at = {"piezo.gain": jnp.asarray(GAIN), "piezo.natural_frequency": jnp.asarray(RATE)}
-    whole = study.with_values({"piezo.damping_ratio": DAMPING, "friction.sigma0": 1e6})
-    predict = lambda values: whole.predict(values)[0]
-    plain = predict(at)
-    np.testing.assert_allclose(jax.jit(predict)(at), plain, rtol=1e-12, atol=1e-18)
-    jacobian = jax.jacfwd(predict)(at)
-    np.testing.assert_allclose(GAIN * jacobian["piezo.gain"], plain, rtol=1e-9, atol=1e-16)
-    h = 1e-3
-    higher, lower = (predict(at | {"piezo.natural_frequency": jnp.asarray(RATE + s * h)}) for s in (1.0, -1.0))
-    np.testing.assert_allclose(jacobian["piezo.natural_frequency"], (higher - lower) / (2 * h), atol=1e-14)
-    along = {"piezo.gain": jnp.asarray(0.0), "piezo.natural_frequency": jnp.asarray(1.0)}
-    np.testing.assert_allclose(jax.jvp(predict, (at,), (along,))[1], jacobian["piezo.natural_frequency"], rtol=1e-9)
-    slope = jax.grad(lambda values: jnp.sum(predict(values) * plain))(at)
-    for path in at:
-        assert float(slope[path]) == pytest.approx(float(jnp.sum(jacobian[path] * plain)), rel=1e-9)
-    many = eqx.filter_vmap(lambda gain: predict(at | {"piezo.gain": gain}))(GAIN * jnp.array([1.0, 2.0]))
-    np.testing.assert_allclose(many, jnp.stack([plain, 2.0 * plain]), rtol=1e-9, atol=1e-18)
 
 
 def test_profile_intervals_of_a_platform_are_the_linear_ones_and_an_open_end_is_said(tmp_path):

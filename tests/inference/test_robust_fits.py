@@ -6,7 +6,7 @@ import json
 import fabricated
 import numpy as np
 import pytest
-from record_tables import SHORT, step_table
+from record_tables import SHORT, STEP_HEAD, step_table
 
 import pdssjax
 from pdssjax import InputError
@@ -19,17 +19,7 @@ from pdssjax.report.figures import residual_split_figure
 TRUTH = {"piezo.gain": 1.1e-7, "piezo.natural_frequency": 6000.0, "piezo.damping_ratio": 0.2}
 ZERO, NOISE = 0.3e-6, 1e-8
 TIME = np.arange(-0.005, 0.035, 5e-5)
-_HEAD = """\
-format = "pdssjax-study/1"
-[actuator]
-piezo = "second-order"
-friction = "coulomb"
-[parameters]
-"piezo.gain" = {}
-"piezo.natural_frequency" = {}
-"piezo.damping_ratio" = {}
-"""
-STUDY = _HEAD + step_table(columns=SHORT)
+STUDY = STEP_HEAD + step_table(columns=SHORT)
 
 
 def write(folder, glitches, seed=3):

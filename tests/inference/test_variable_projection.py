@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 
 import pdssjax
 from pdssjax import InputError, pose_problem
-from pdssjax.inference import joint, quiet
 from pdssjax.inference.variable_projection import _box_step, linear_parameters, project
 
 TRUTH = {
@@ -135,18 +134,6 @@ def test_a_weight_that_would_be_negative_stays_at_zero():
     np.testing.assert_allclose(found[:5], expected, rtol=1e-8, atol=1e-12)
     assert found[5] == 0.0  # nothing depends on it
     assert (found == 0.0).sum() == 3
-
-
-@pytest.mark.slow
-def test_the_fit_that_follows_has_the_covariance_of_all_parameters(posed, plain):
-    problem, free = posed
-    fit = joint(problem, problem.decode(free), quiet)
-    assert fit.success
-    np.testing.assert_allclose(fit.free, plain.x, rtol=1e-7)
-    covariance = lambda jacobian: np.linalg.inv(jacobian.T @ jacobian)
-    found, expected = covariance(np.asarray(fit.state.jacobian)), covariance(plain.jac)
-    scale = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), rtol=0.0, atol=1e-7)
 
 
 def test_nothing_is_projected_where_friction_acts_back(tmp_path):

@@ -4,13 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from bouncing_ball import BouncingBall
+from bouncing_ball import BouncingBall, free_fall
 from marks import slow
 from scipy.integrate import solve_ivp
 
-from pdssjax import Taylor
-from pdssjax.integration import HybridSystem, Picard, cosine_and_sine, integrate
-from pdssjax.integration.polynomials import basis
+from pdssjax.integration import HybridSystem, integrate
 
 FEW = 128
 """Steps for which there is room: less to compile for and to expand."""
@@ -55,32 +53,6 @@ class Pulse(HybridSystem):
         return args[None]
 
 
-class Swing(HybridSystem):
-    """A spring between two stops, made of what Taylor series can pass."""
-
-    def vector_field(self, t, y, args, mode):
-        x, v = y
-        return v, -args * x + cosine_and_sine(t)[0]
-
-    def guards(self, t, y, args, mode):
-        return 0.8 - y[0], y[0] + 0.8
-
-    def after_event(self, t, y, args, mode, which):
-        return (y[0], -0.5 * y[1]), mode
-
-
-def ball(parameters, times):
-    """Height and speed and the first three impacts, from the law of free fall."""
-    height, gravity, restitution = parameters
-    first = jnp.sqrt(2.0 * height / gravity)
-    impacts = first + jnp.concatenate([jnp.zeros(1), jnp.cumsum(2.0 * first * restitution ** jnp.arange(1, 4))])
-    number = jnp.searchsorted(jax.lax.stop_gradient(impacts), times, side="right")
-    since = times - jnp.where(number == 0, 0.0, impacts[number - 1])
-    speed = jnp.where(number == 0, 0.0, gravity * first * restitution**number)
-    start = jnp.where(number == 0, height, 0.0)
-    return jnp.stack([start + speed * since - 0.5 * gravity * since**2, speed - gravity * since]), impacts[:3]
-
-
 def with_slopes(function, differentiate=jax.jacfwd):
     """Derivatives and values of `function`, compiled together."""
     return jax.jit(differentiate(lambda p: (function(p),) * 2, has_aux=True))
@@ -102,23 +74,24 @@ def test_a_ball_bounces_as_the_law_of_free_fall_has_it_in_any_units(length, time
         return jnp.stack(solution.ys) / scale, solution.events.ts[:3] / time - 2.0
 
     parameters = jnp.array([0.8, 9.81, 0.7])
-    expected = jax.jacfwd(lambda p: ball(p, times))(parameters)
+    expected = jax.jacfwd(lambda p: free_fall(p, times))(parameters)
     for differentiate in (jax.jacfwd, jax.jacrev) if length == 1.0 else (jax.jacfwd,):
         slopes, values = with_slopes(motion, differentiate)(parameters)
-        for found, closed in zip(values, ball(parameters, times), strict=True):
+        for found, closed in zip(values, free_fall(parameters, times), strict=True):
             np.testing.assert_allclose(found, closed, rtol=0.0, atol=1e-10)
         for found, closed in zip(slopes, expected, strict=True):
             np.testing.assert_allclose(found, closed, rtol=1e-8, atol=1e-8)
 
 
-@pytest.mark.parametrize("outer", [jax.jacfwd, jax.jacrev])
+# By default `test_system` has a mixed second derivative.
+@pytest.mark.parametrize("outer", [slow(jax.jacfwd), jax.jacrev])
 def test_a_reverse_derivative_is_differentiated_again_in_both_modes(outer):
     def height(restitution):
         args = {"gravity": 9.81, "restitution": restitution}
         solution = integrate(BouncingBall(), 0.0, 1.5, (0.8, 0.0), args, saveat=jnp.array([0.3, 1.2]), max_steps=FEW)
         return solution.ys[0][-1]
 
-    closed = lambda restitution: ball(jnp.stack([0.8, 9.81, restitution]), jnp.array([0.3, 1.2]))[0][0, -1]
+    closed = lambda restitution: free_fall(jnp.stack([0.8, 9.81, restitution]), jnp.array([0.3, 1.2]))[0][0, -1]
     expected = jax.hessian(closed)(0.7)
     np.testing.assert_allclose(jax.jit(outer(jax.jacrev(height)))(0.7), expected, rtol=1e-9)
 
@@ -292,7 +265,7 @@ def bounces(p):
 
 
 def closed_bounces(p):
-    state, impacts = ball(p, jnp.array([1.2]))
+    state, impacts = free_fall(p, jnp.array([1.2]))
     return jnp.append(state[:, 0], impacts[:2])
 
 
@@ -361,20 +334,3 @@ def test_towards_grazing_values_stay_right_and_the_derivative_grows_without_boun
     np.testing.assert_allclose(values[1:], jax.vmap(closed)(speeds[1:]), atol=1e-8)
     np.testing.assert_allclose(slopes[1:], jax.vmap(jax.grad(closed))(speeds[1:]), rtol=1e-4)
     assert slopes[1] < -1e4
-
-
-# By default `test_taylor_solver` has the series.
-@pytest.mark.slow
-def test_a_taylor_series_gives_what_the_solver_does():
-    motion = lambda method: integrate(Swing(), 0.0, 10.0, (0.1, 0.0), 2.0, max_steps=256, method=method)
-    series, usual = jax.jit(lambda: (motion(Taylor()), motion(Picard())))()
-    assert int(series.events.count) == int(usual.events.count) > 1
-    assert int(series.stats["steps"]) < int(usual.stats["steps"])
-    np.testing.assert_allclose(series.ys, usual.ys, rtol=0.0, atol=1e-9)
-
-
-def test_a_polynomial_through_a_guard_is_right_to_rounding():
-    points = basis(16)
-    fitted = points.powers(np.cos(2.0 * points.nodes)[:, None])[:, 0]
-    between = np.linspace(0.0, 1.0, 101)
-    np.testing.assert_allclose(np.polynomial.polynomial.polyval(between, fitted), np.cos(2.0 * between), atol=2e-15)

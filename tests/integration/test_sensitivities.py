@@ -1,16 +1,13 @@
 """Derivatives are right: with feedback, load, fall time, stuck intervals, by any parameter, in both modes."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from independent import Rig
 from marks import slow
-from rigs import NAMES, SAMPLES, compiled, jacobian, models, trajectory, values, varied
+from rigs import NAMES, SAMPLES, jacobian, trajectory, values, varied
 
 from pdssjax import Accuracy
 from pdssjax.integration import TIGHT
-from pdssjax.simulation import displacements
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
 PARAMETERS = NAMES[:-1]  # all but the direction
@@ -60,46 +57,3 @@ def test_every_parameter_against_differences(name):
         size = np.linalg.norm(expected)
         assert np.linalg.norm(tight[:, :, column] * SIZES[parameter] - expected) < 1e-4 * size, parameter
         assert np.linalg.norm(default[:, :, column] * SIZES[parameter] - expected) < 2e-3 * size, parameter
-
-
-# By default `test_system` has both modes of a ball that bounces.
-@pytest.mark.slow
-def test_reverse_mode_agrees_with_forward_mode():
-    rig = RIGS["downhill, sticks, fall time"]
-    weights = np.cos(np.arange(SAMPLES))
-
-    def score(numbers):
-        return jnp.sum(weights * displacements(*models(numbers, "deflection", False), TIMES, Accuracy())[1])
-
-    numbers = values(rig)
-    expected = np.einsum("t,tp->p", weights, jacobian(rig, TIMES, Accuracy())[1])
-    np.testing.assert_allclose(jax.jit(jax.grad(score))(numbers), expected, rtol=1e-6, atol=1e-18)
-
-
-BATCH = [Rig(voltage=voltage, cycle=1.0 / rate) for voltage in (20.0, 64.0, 150.0) for rate in (2.0, 5.0, 20.0)]
-
-
-# By default `test_sweeping` holds each point of a sweep against its own run.
-@pytest.mark.slow
-def test_batches_of_voltages_and_frequencies_equal_single_runs():
-    accuracy = Accuracy()
-    numbers = np.stack([values(r) for r in BATCH])
-    batch = compiled("deflection", False, batch=True)(numbers, TIMES, accuracy.tolerance, accuracy.settle_tolerance)
-    for k, rig in enumerate(BATCH):
-        alone = trajectory(rig, TIMES, Accuracy())
-        np.testing.assert_allclose(batch.effector[k], alone.effector, rtol=0.0, atol=1e-12)
-        assert (int(batch.steps[k]), bool(batch.repeated[k])) == (int(alone.steps), bool(alone.repeated))
-
-
-@pytest.mark.slow
-def test_batches_of_directional_derivatives_equal_single_ones():
-    column = NAMES.index("voltage")
-
-    def slope(numbers):
-        motion = lambda q: displacements(*models(q, "deflection", False), TIMES, Accuracy())[1]
-        return jax.jvp(motion, (numbers,), (jnp.eye(len(NAMES))[column],))[1]
-
-    slopes = jax.jit(jax.vmap(slope))(np.stack([values(rig) for rig in BATCH]))
-    for rig, actual in zip(BATCH, slopes, strict=True):
-        expected = jacobian(rig, TIMES, Accuracy())[1][:, column]
-        np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-6 * abs(expected).max())

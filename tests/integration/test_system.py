@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from bouncing_ball import free_fall
 from marks import slow
 
 from pdssjax import AbstractHybridSystem, Accuracy, Taylor
@@ -118,17 +119,7 @@ class Ramp(AbstractHybridSystem):
 
 
 def ball(parameters, times, impacts=3):
-    """Height and speed, up to the last of the impacts, from the law of free fall."""
-    height, gravity, restitution = parameters
-    first = jnp.sqrt(2.0 * height / gravity)
-    flights = 2.0 * first * restitution ** jnp.arange(1, impacts + 1)
-    impacts = first + jnp.concatenate([jnp.zeros(1), jnp.cumsum(flights)])
-    number = jnp.searchsorted(jax.lax.stop_gradient(impacts), times, side="right")
-    risen = jnp.where(number == 0, first, impacts[number - 1])
-    speed = jnp.where(number == 0, 0.0, gravity * first * restitution**number)
-    since = jnp.where(number == 0, times, times - risen)
-    start = jnp.where(number == 0, height, 0.0)
-    return jnp.stack([start + speed * since - 0.5 * gravity * since**2, speed - gravity * since])
+    return free_fall(parameters, times, impacts)[0]
 
 
 def shown(system, times):
@@ -251,22 +242,6 @@ def test_the_end_of_a_run_of_which_no_states_are_asked_moves_with_the_parameters
     closed = lambda p: ball(p, horizon[None])[:, 0]
     np.testing.assert_allclose(values, closed(parameters), rtol=1e-12)
     np.testing.assert_allclose(slopes, jax.jit(jax.jacfwd(closed))(parameters), rtol=1e-11, atol=1e-11)
-
-
-# By default `tests/contracts/test_hybrid_systems.py` has the derivatives of the times of events.
-@pytest.mark.slow
-def test_the_time_of_an_impact_moves_with_height_and_gravity():
-    def second_impact(parameters):
-        run = integrate_steps(Ball(*parameters), jnp.asarray(1.3), USUAL)
-        begins = run.steps.origin + run.steps.t_local
-        return begins[jnp.argmax(jnp.cumsum(jnp.abs(run.steps.x[:, 0]) < 1e-9) == 2)]
-
-    height, gravity, restitution = parameters = jnp.array([0.8, 9.81, 0.7])
-    time = (1.0 + 2.0 * restitution) * jnp.sqrt(2.0 * height / gravity)
-    slopes, found = with_slopes(second_impact)(parameters)
-    assert float(found) == pytest.approx(float(time), rel=1e-13)
-    expected = time * jnp.array([0.5 / height, -0.5 / gravity, 2.0 / (1.0 + 2.0 * restitution)])
-    np.testing.assert_allclose(slopes, expected, rtol=1e-11)
 
 
 @pytest.mark.parametrize("states", [shown, seen])

@@ -6,11 +6,6 @@ import numpy as np
 import pytest
 
 from pdssjax import Taylor
-from pdssjax.core import member, members
-from pdssjax.drive.base import Segment, Wave
-from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.friction.dahl import Dahl
-from pdssjax.friction.stribeck import Stribeck
 from pdssjax.integration import constant, cosine_and_sine, exp, power
 from pdssjax.integration.step_methods.base import KnownStep
 from pdssjax.integration.taylor_series import taylor_coefficients
@@ -18,12 +13,6 @@ from pdssjax.integration.taylor_series import taylor_coefficients
 ORDER = 6
 """Of every series: high enough for all terms to show, low enough to compile fast."""
 
-LAWS = {name: member("friction", name)() for name in members("friction")} | {
-    "anisotropic lugre, force": AnisotropicLuGre(state="force"),
-    "dahl, brittle": Dahl(exponent=0.4),
-    "stribeck, exponential": Stribeck(delta=1.0, sigma2=2.0),
-}
-PIEZOS = {name: member("piezo", name)() for name in members("piezo")}
 
 FIELDS = {
     "product": lambda t, x: [x[0] * x[1] * 0.3, x[1] * x[1] - x[0] * (t * 0.5), 0],
@@ -37,11 +26,6 @@ FIELDS = {
 }
 STATES = jnp.array([[0.8, 1.1, 0.6], [1.7, 0.4, 2.0], [1.0, 1.0, 1.0]])
 """Three solutions side by side, each with its three components."""
-
-
-def both(field, states):
-    """By the loop, and unrolled."""
-    return jax.jit(lambda states: (looped(field, states), unrolled(field, states)))(states)
 
 
 def unrolled(field, states):
@@ -82,24 +66,3 @@ def test_every_operation_gives_the_unrolled_coefficients_and_their_derivatives(n
     assert_same(values, expected)
     for slope, expected_slope in zip(slopes, right, strict=True):
         assert_same(slope, expected_slope, 1e-12)
-
-
-@pytest.mark.parametrize("name", [name for name, law in LAWS.items() if law.initial()])
-def test_every_law_gives_the_unrolled_coefficients(name):
-    law = LAWS[name]
-    stretches = jnp.array([1e-9, 4e-8, -2e-8])
-    flags = law.initial()[1:]
-    states = [jnp.stack(law.on_reversal((law.initial()[0] + z, *flags), 1.0)) for z in stretches]
-    field = lambda t, x: [*law.rate(tuple(x), 4e-4 + 4.0 * t, 1.0)]
-    moved = lambda t, x: field(t - 0.3, x)
-    assert_same(*both(moved, jnp.stack(states)))
-
-
-@pytest.mark.parametrize("name", PIEZOS)
-def test_every_piezo_gives_the_unrolled_coefficients(name):
-    piezo = PIEZOS[name]
-    segment = Segment(jnp.asarray(1.0), jnp.asarray(3.0), jnp.asarray(50.0), Wave(2.0, 700.0, 0.4))
-    first = jnp.stack([jnp.asarray(x, float) for x in piezo.initial()])
-    states = first + jnp.array([[1e-8], [3e-8], [-1e-8]])
-    field = lambda t, x: [*piezo.rate(tuple(x), segment.voltage(t), 0.5)]
-    assert_same(*both(field, states))

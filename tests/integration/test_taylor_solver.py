@@ -25,7 +25,7 @@ def solved(solver):
     return diffrax.diffeqsolve(term, solver, 0.0, 20.0, 1e-3, START, 5.0, stepsize_controller=control, saveat=saved)
 
 
-def test_van_der_pol_takes_a_fifth_of_the_steps_of_dopri8_and_agrees_with_scipy_between_them():
+def test_van_der_pol_takes_a_hundred_steps_and_agrees_with_scipy_between_them():
     found = solved(TaylorSolver())
     field = lambda t, y: [y[1], 5.0 * (1.0 - y[0] ** 2) * y[1] - y[0]]
     beside = solve_ivp(field, (0.0, 20.0), [2.0, 0.0], "DOP853", TIMES, rtol=3e-14, atol=1e-14)
@@ -34,11 +34,6 @@ def test_van_der_pol_takes_a_fifth_of_the_steps_of_dopri8_and_agrees_with_scipy_
     # 99 accepted and 130 in all when this was written.
     assert int(found.stats["num_accepted_steps"]) <= 105
     assert int(found.stats["num_steps"]) <= 150
-
-
-@pytest.mark.slow
-def test_dopri8_accepts_five_times_the_steps():
-    assert int(solved(diffrax.Dopri8()).stats["num_accepted_steps"]) == pytest.approx(503, abs=5)
 
 
 def test_the_coefficients_are_those_of_the_solution():

@@ -1,5 +1,7 @@
 """A voltage about a bias is found, counted from the level at which it rests or to which it returns."""
 
+import itertools
+
 import numpy as np
 import pytest
 from marks import slow
@@ -10,9 +12,14 @@ from pdssjax.metrics import detect_waveform, flicker_of
 BIASED = ["forward, slow fall", "backward", "cycloid forward", "cycloid backward", "skew triangle", "trapezoid"]
 
 
-@pytest.mark.parametrize(("low", "voltage"), [(-60.0, 120.0), (30.0, -100.0)])
-@pytest.mark.parametrize("name", BIASED)
-def test_a_drive_about_a_bias_is_counted_from_the_level_at_which_it_rests(name, low, voltage):
+@pytest.mark.parametrize(
+    ("name", "low", "voltage"),
+    [
+        *itertools.product(SHAPES, [0.0], [40.0]),
+        *((name, *drive) for name in BIASED for drive in [(-60.0, 120.0), (30.0, -100.0)]),
+    ],
+)
+def test_a_drive_is_counted_from_the_level_at_which_it_rests_and_begins_where_it_leaves_it(name, low, voltage):
     kind, direction, shape, numbers = SHAPES[name]
     time, volts = samples(shape, 9.0, voltage, 0.2137, rests=True)
     if direction == "forward":

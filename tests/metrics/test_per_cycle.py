@@ -1,21 +1,12 @@
 """Metrics of walking (thesis, 3.4 and 3.5) give back what an analytic motion was made of, noise and all."""
 
-from pathlib import Path
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import pdssjax
-from pdssjax import Actuator
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.files.record_columns import Layout, read_columns
-from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.metrics import cycle_metrics, force_metrics, turning_points
-from pdssjax.piezo.second_order import SecondOrder
 
-EXAMPLE = Path(pdssjax.__file__).parent / "example"
 STROKE, BACK, FREQUENCY = 6.5e-6, 3.2e-6, 5.0
 NOISE, QUANTUM = 1e-8, 1e-8
 
@@ -148,23 +139,6 @@ def test_the_gradient_of_a_noiseless_record_is_finite():
     time = samples(4)
     total = lambda shift: sum(jnp.sum(entry) for entry in cycle_metrics(time, stick_slip(time) + shift, 5.0, 0.0, 3))
     assert np.isfinite(jax.grad(total)(jnp.zeros_like(time))).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("direction", "name"), [("forward", "sawtooth_5Hz_A.csv"), ("backward", "sawtooth_5Hz_B.csv")])
-def test_the_model_walks_as_the_independent_simulator_does(direction, name):
-    """The packaged record comes from another simulator, with noise; its parameters are the nominal ones."""
-    columns = {"time": "time_s", "displacement": "displacement_um"}
-    data = read_columns(EXAMPLE / name, Layout(columns, {"time": "s", "displacement": "m"}, {})).data
-    drive = Sawtooth(direction=direction)
-    motion = pdssjax.simulate(Actuator(SecondOrder(), AnisotropicLuGre()), drive, jnp.asarray(data["time"]))
-    simulated = cycle_metrics(data["time"], motion.effector, 5.0, 0.2, 7)
-    recorded = cycle_metrics(data["time"], data["displacement"], 5.0, 0.2, 7)
-    for entry in ("stroke", "back_slip", "net_step", "efficiency"):
-        ours, theirs = getattr(simulated, entry), getattr(recorded, entry)
-        assert abs(np.mean(theirs - ours)) < 3 * np.std(theirs, ddof=1) / np.sqrt(7)
-    # While it sticks, the end-effector rides on a platform that covers gain times voltage in a period.
-    np.testing.assert_allclose(abs(simulated.stroke), 1.007e-7 * 64.2, rtol=1e-6)
 
 
 def blocked(time):

@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
-from scipy.optimize import brentq
+from scipy.integrate import quad
 from scipy.signal import TransferFunction, freqresp, lsim
 
 from pdssjax import InputError
@@ -16,7 +15,6 @@ from pdssjax.core import quantities, to_si
 from pdssjax.piezo import (
     Modes,
     Rod,
-    mode_responses,
     modes,
     modes_needed,
     roots,
@@ -48,16 +46,6 @@ def test_roots_solve_the_characteristic_equation_to_rounding(ratio):
     assert np.abs(x - math.pi * np.arange(30) - np.arctan2(1.0, ratio * x)).max() < 1e-12
     # As printed, beside the largest of its terms: sin x alone is off by the rounding of x.
     assert (np.abs(ratio * x * np.sin(x) - np.cos(x)) / (1.0 + ratio * x)).max() < 1e-12
-
-
-@pytest.mark.parametrize("ratio", [0.3, 24.7, 138.8])
-def test_roots_agree_with_a_bisection_of_the_equation_as_printed(ratio):
-    def printed(x):
-        return x * math.tan(x) - 1.0 / ratio
-
-    lows = [1e-9 + j * math.pi for j in range(8)]
-    expected = [brentq(printed, low, low + math.pi / 2 - 1e-7, xtol=1e-15) for low in lows]
-    np.testing.assert_allclose(roots(ratio, 8), np.asarray(expected, float), rtol=1e-12)
 
 
 def test_without_a_platform_the_rod_is_a_quarter_wave_resonator():
@@ -128,60 +116,6 @@ def test_compliances_of_the_modes_sum_to_that_of_the_stack():
     found = modes(rod, 1000)
     compliance = float((1.0 / (found.mass * found.natural_frequency**2)).sum())
     assert compliance == pytest.approx(rod.length / (rod.modulus * rod.area), rel=1e-9)
-
-
-def by_lines(rod: Rod, cells: int, voltage: float, times: np.ndarray) -> np.ndarray:
-    """(4.5)-(4.7) by central differences on `cells` cells; displacements [m], shape (cells + 1, times)."""
-    width = rod.length / cells
-    slow = math.sqrt(rod.modulus * rod.area / rod.length / (rod.platform_mass + 0.004 / 2))
-    laplace = (np.diag(-2.0 * np.ones(cells)) + np.eye(cells, k=1) + np.eye(cells, k=-1)) / width**2
-    density = np.full(cells, rod.density)
-    # The tip's balance: half a cell and the platform, pulled by the last cell and pushed by the strain.
-    laplace[-1] = 0.0
-    laplace[-1, -2:] = np.array([1.0, -1.0]) / width
-    density[-1] = rod.platform_mass / rod.area + rod.density * width / 2
-    push = np.zeros(cells)
-    push[-1] = rod.modulus * rod.strain * voltage
-    scale = rod.strain * rod.length * voltage
-    rate = np.zeros((2 * cells, 2 * cells))
-    rate[:cells, cells:] = np.eye(cells)
-    rate[cells:, :cells] = rod.modulus * laplace / density[:, None] / slow**2
-    rate[cells:, cells:] = rod.viscosity * laplace / density[:, None] / slow
-    load = np.concatenate([np.zeros(cells), push / density / slow**2 / scale])
-    found = solve_ivp(
-        lambda t, z: rate @ z + load,
-        (0.0, slow * times[-1]),
-        np.zeros(2 * cells),
-        method="Radau",
-        t_eval=slow * times,
-        jac=rate,
-        rtol=1e-7,
-        atol=1e-9,
-    )
-    return np.vstack([np.zeros(len(times)), scale * found.y[:cells]])
-
-
-@pytest.mark.parametrize(
-    "rod",
-    [
-        pytest.param(lightly_damped(1.0), marks=pytest.mark.slow, id="r=1"),
-        pytest.param(lightly_damped(24.7), marks=pytest.mark.slow, id="r=24.7"),
-        pytest.param(of_ratio(138.8), id="thesis"),
-    ],
-)
-def test_twenty_modes_solve_the_equations_of_the_rod(rod):
-    voltage = 48.2
-    times = np.linspace(0.0, 12.0 / float(modes(rod, 1).natural_frequency[0]), 60)
-    coarse, fine = (by_lines(rod, cells, voltage, times) for cells in (40, 80))
-    size = np.abs(fine).max()
-    own_error = np.abs(fine[::2] - coarse).max() / size
-    assert own_error < 1.5e-4, "the finer grid, four times better, is then well below 0.1 %"
-    positions = np.linspace(0.0, rod.length, 81)
-    share = mode_responses(modes(rod, 20), voltage, times)
-    field = np.asarray(shapes(rod, 20, positions).T @ share)
-    assert np.abs(field - fine).max() / size < 1e-4
-    tip = step_response(modes(rod, 20), voltage, times)
-    assert np.abs(tip - fine[-1]).max() / size < 1e-4
 
 
 @pytest.mark.parametrize("damping", [0.01, 0.2083, 0.97, 1.0, 1.0 + 1e-9, 1.02, 3.0, 400.0])

@@ -1,6 +1,6 @@
 """The interface of friction laws written from their equations alone: plain floats.
 
-`independent_laws` simulates them on one stack, `combinations` on every stack, amplifier and stop.
+`independent` simulates them on one stack, `combinations` on every stack, amplifier and stop.
 
 A law of the package, `pdssjax/friction/NAME.py`, has its second self in `laws/NAME.py`: one class and CASES, by what
 is special of each.

@@ -48,12 +48,6 @@ def test_jacobians(case, accuracy, relative):
     assert error.max() < relative
 
 
-@CASES
-def test_tight_trajectories_are_those_of_the_independent_simulator(case):
-    run = trajectory(rig(case), TIMES, TIGHT)
-    np.testing.assert_allclose(run.effector, simulate(rig(case), TIMES)[:, 1], rtol=0.0, atol=1e-13)
-
-
 @pytest.mark.parametrize("name", [NAMES[column] for column in COLUMNS])
 def test_tight_jacobians_are_those_of_the_independent_simulator(name):
     begin = rig(REFERENCE["cases"][0])

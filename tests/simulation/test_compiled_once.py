@@ -53,18 +53,6 @@ def test_one_compilation_serves_all_numbers(traced):
     assert len(traced) == 1
 
 
-# By default gradients pass through below, and lanes in a sweep.
-@pytest.mark.slow
-def test_transformations_from_outside_pass_through():
-    end = lambda voltage: pdssjax.simulate(rig(), drive(voltage), TIMES).effector[-1]
-    voltages = jnp.array([40.0, 60.0])
-    each = jnp.stack([end(voltage) for voltage in voltages])
-    np.testing.assert_allclose(jax.jit(jax.vmap(end))(voltages), each, rtol=1e-9)
-    slope = (end(60.0 + 1e-3) - end(60.0 - 1e-3)) / 2e-3
-    np.testing.assert_allclose(jax.jvp(end, (60.0,), (1.0,))[1], slope, rtol=1e-6)
-    np.testing.assert_allclose(jax.jit(jax.grad(end))(60.0), slope, rtol=1e-6)
-
-
 LAWS = [pytest.param(name, marks=[] if name == "coulomb" else pytest.mark.slow) for name in members("friction")]
 
 

@@ -2,20 +2,18 @@
 
 import jax
 import numpy as np
-import pytest
 
 import pdssjax
 from pdssjax import Actuator
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.friction.coulomb import Coulomb
 from pdssjax.piezo.second_order import SecondOrder
 
 
-@pytest.mark.parametrize("repeated", [1, 150])
-def test_each_of_equal_times_moves_its_own_sample(repeated):
-    actuator = Actuator(SecondOrder(), AnisotropicLuGre())
+def test_each_of_equal_times_moves_its_own_sample():
+    actuator = Actuator(SecondOrder(), Coulomb())
     drive = Sawtooth(voltage=64.0)
-    times = np.concatenate([[0.01, 0.05], np.full(1 + repeated, 0.1002)])
+    times = np.concatenate([[0.01, 0.05], np.full(131, 0.1002)])
     slopes = jax.jacfwd(lambda times: pdssjax.simulate(actuator, drive, times).effector)(times)
     of_last = slopes[2, 2]
     assert of_last != 0.0

@@ -1,7 +1,5 @@
 """A load or a tilt that acted before t = 0: the rig rests under it, and all motion is counted from there."""
 
-import dataclasses
-
 import jax
 import numpy as np
 import pytest
@@ -9,7 +7,6 @@ import pytest
 from pdssjax import Actuator, Effector, simulate
 from pdssjax.core import member
 from pdssjax.drive.sampled import Sampled
-from pdssjax.drive.sawtooth import Sawtooth
 
 PULL = 0.06
 """Uphill for none of the laws below, which come to rest under it either way [N]."""
@@ -56,15 +53,6 @@ def test_it_moves_as_one_whose_load_set_in_long_before(rig):
             lambda effector: simulate(actuator(rig, effector, rests=False), Sampled(INSTANTS, VOLTS), TIMES)
         )
         assert np.abs(begun(effector).effector - found.effector).max() > 1e-8
-
-
-# By default `tests/actuator/test_sensors.py` has a tilt.
-@pytest.mark.slow
-def test_a_tilt_pulls_as_its_weight_does():
-    tilted = Effector(tilt=0.07)
-    pulled = dataclasses.replace(Effector(), load=float(tilted.pull()))
-    run = jax.jit(lambda effector: simulate(actuator("lugre", effector), Sawtooth(64.0, 20.0, 2e-4), TIMES).effector)
-    np.testing.assert_allclose(run(tilted), run(pulled), rtol=0.0, atol=1e-16)
 
 
 @pytest.mark.slow

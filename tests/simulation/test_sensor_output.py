@@ -105,3 +105,20 @@ def test_what_cannot_be_integrated_has_no_derivative_either(derivative):
     slope = jax.jit(derivative(lambda gravity: sensor_samples(Stone(gravity), jnp.asarray(TIMES), USUAL, HEIGHT)))
     np.testing.assert_allclose(slope(9.81), np.where(TIMES < 0.0, 0.0, -0.5 * TIMES**2), rtol=0.0, atol=1e-13)
     assert np.isnan(slope(np.nan)).all()
+
+
+def test_of_times_that_pad_a_record_nothing_is_computed_and_the_others_are_as_without():
+    own, padding = jnp.linspace(0.0, 0.8, 300), jnp.arange(700)
+    shown = lambda gravity, times, wanted=None: sensor_samples(Stone(gravity), times, USUAL, HEIGHT, wanted=wanted)
+    weighted = lambda gravity, times, weights, wanted: jnp.sum(weights * shown(gravity, times, wanted))
+    both = jax.jit(lambda *args: (shown(*args), jax.jacfwd(shown)(*args)))
+    backwards = jax.jit(jax.grad(weighted))
+    values, slopes = height(own), -0.5 * own**2
+    for wanted in (1, 127, 128, 129, 300):
+        padded = jnp.where(padding < wanted, jnp.pad(own, (0, 400)), own[-1])
+        some, their_slopes = both(9.81, padded, jnp.asarray(wanted))
+        np.testing.assert_allclose(some[:wanted], values[:wanted], rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(their_slopes[:wanted], slopes[:wanted], rtol=0.0, atol=1e-13)
+        weights = (padding < wanted) * jnp.cos(padding)
+        found = backwards(9.81, padded, weights, jnp.asarray(wanted))
+        np.testing.assert_allclose(found, weights[:wanted] @ slopes[:wanted], rtol=1e-9, atol=1e-13)

@@ -25,7 +25,7 @@ RIGS = {
     "force": ("anisotropic-lugre", {"state": "force"}, False, True, 0.0, False),
     "sticking": ("coulomb", {}, False, False, 0.0, False),
 }
-QUICK = ("lugre",)
+QUICK = ("a load that sets in",)
 """What the default tests look at: the others are compiled in slow ones."""
 
 

@@ -76,17 +76,3 @@ def test_by_peaks_the_friction_is_far_less_sure_than_it_looks_and_says_so(exampl
     assert [record.name for record in found.records] == [record.name for record in example.records]
     notes = " ".join(found.notes)
     assert "The stack was read off peaks, not fitted" in notes and "contradict" not in notes and "enlarged" not in notes
-
-
-@pytest.mark.slow
-def test_a_fit_by_peaks_that_is_broken_off_leaves_its_best_point(example):
-    def at_the_third_iteration(message):
-        if "iteration 2" in message:
-            raise KeyboardInterrupt
-
-    with pytest.raises(pdssjax.FitInterrupted) as broken:
-        pdssjax.identify(example.with_starts(TRUTH), "peaks", progress=at_the_third_iteration, accuracy=ACCURACY)
-    found = broken.value.estimate
-    assert found is not None and not found.converged and found.method == "peaks"
-    assert found.parameters["piezo.gain"].value == pytest.approx(pick_peaks(example).values["piezo.gain"])
-    assert found.parameters["piezo.gain"].free and len(found.records) == len(example.records)

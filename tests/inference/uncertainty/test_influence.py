@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdssjax.inference import curvature_of, influence_of, principal_directions, propagated
+from pdssjax.inference import curvature_of, influence_of, principal_directions
 from pdssjax.inference.uncertainty.two_steps import TwoSteps
 
 RANDOM = np.random.default_rng(2)
@@ -20,17 +20,6 @@ def test_a_direction_without_information_is_left_out():
     twice = np.column_stack([DESIGN[:, 1], DESIGN[:, 1]])
     np.testing.assert_allclose(influence_of(twice), np.tile(influence_of(DESIGN[:, 1:2]) / 2.0, 2), rtol=1e-10)
     assert not influence_of(np.zeros((6, 2))).any()
-
-
-def test_a_fit_in_two_steps_has_the_covariance_that_is_propagated():
-    rows = np.arange(50)[:, None] < 20
-    earlier, later = np.array([1, 3]), np.array([0, 2])
-    first, second = DESIGN * rows, DESIGN * ~rows
-    whole = TwoSteps(first, second, earlier, later).influence()
-    first_influence = influence_of(first[:, earlier])
-    _, expected = propagated(second[20:], first_influence.T @ first_influence, later, earlier)
-    size = np.linalg.norm(DESIGN, axis=0)
-    np.testing.assert_allclose(whole.T @ whole * np.outer(size, size), expected * np.outer(size, size), rtol=1e-9)
 
 
 def decay(free):

@@ -83,21 +83,6 @@ def test_of_a_banana_too_however_narrow_it_is(stiffness, sampler):
     assert np.std(straight) == pytest.approx(1.0 / stiffness, rel=0.1)
 
 
-# By default a banana bends, and `test_residual_polynomial` has the fourth order.
-@pytest.mark.slow
-def test_of_a_valley_that_bends_in_the_fourth_order():
-    """x0 is normal around 1, and x1 around a polynomial of it, to a two-thousandth."""
-    bend = lambda x: 0.3 * (x - 1.0) ** 4
-    chains = drawn(lambda x: bent(jnp.stack([x[0], x[1] - bend(x[0])]), 2000.0), [1.0, 1.0], Drawing(1000, seed=1))
-    assert chains.failed < 0.3 * chains.free[:, :, 0].size
-    draws = chains.free[:, :, 0]
-    size = effective_size(draws)
-    assert rhat(draws) < 1.01 and size > 400
-    assert np.mean(draws) == pytest.approx(1.0, abs=4.0 / np.sqrt(size))
-    assert np.std(draws) == pytest.approx(1.0, rel=4.0 * np.sqrt(0.5 / effective_size(draws**2)))
-    assert np.std(chains.free[:, :, 1] - draws**2 - bend(draws)) == pytest.approx(1.0 / 2000.0, rel=0.1)
-
-
 @slow_nuts
 def test_the_prior_is_flat_in_the_values_where_the_fit_sees_their_logarithms(sampler):
     """A damping known to 2.7 standard errors: normal, and cut off at zero; in its logarithm it would have no end."""

@@ -3,19 +3,13 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
-from scipy import stats
 
-from pdssjax import Drawing
 from pdssjax.inference.uncertainty.drawn_intervals import (
     InCoordinates,
     PosteriorCoordinates,
     posterior_coordinates,
 )
-from pdssjax.inference.uncertainty.posterior import sample_posterior
-from pdssjax.inference.uncertainty.posterior_model import posterior_model
 from pdssjax.inference.uncertainty.second_order import Linearisation
-from pdssjax.metrics import effective_size, rhat
 
 X = np.array([np.log(2.0), np.log(10.0), 0.1, np.log(5.0), np.log(7.0)])
 ERRORS = np.array([0.5, 0.1, 0.5, 0.5, 0.5])
@@ -61,34 +55,3 @@ def test_derivatives_are_by_the_coordinates():
     point = coordinates.linearised(Linearisation(x, *map(np.asarray, evaluate(x))))
     np.testing.assert_allclose(point.at, y)
     np.testing.assert_allclose(point.jacobian, jacobian)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("measured", [pytest.param(0.04, marks=pytest.mark.slow), -0.02])
-def test_a_damping_that_may_be_zero_is_a_normal_distribution_cut_off_there(measured):
-    """Measured below zero it is fitted at its bound, where residuals have no derivative by its logarithm."""
-    error, lowest = 0.1, 1e-6
-    residuals = lambda x: jnp.concatenate([jnp.stack([(jnp.exp(x[0]) - measured) / error, x[1]]), jnp.zeros(5)])
-    linearise = jax.jit(lambda x: (residuals(x), jax.jacfwd(residuals)(x)))
-    at = np.array([np.log(max(measured, lowest)), 0.0])
-    fitted = Linearisation(at, *map(np.asarray, linearise(at)))
-    bounds = np.array([np.log(lowest), -np.inf]), np.full(2, np.inf)
-    coordinates = posterior_coordinates(fitted, np.arange(2), bounds, 1.0, np.array([True, False]))
-    model = posterior_model(
-        InCoordinates(linearise, coordinates),
-        jax.jit(lambda y: residuals(coordinates.to_fit(y))),
-        coordinates.linearised(fitted),
-        np.arange(2),
-        coordinates.bounds(bounds),
-        np.zeros(2, bool),
-        1.0,
-        None,
-        lambda message: None,
-    )
-    chains = sample_posterior(model, Drawing(1000, seed=1), None, lambda message: None)
-    damping = np.exp(np.asarray(coordinates.to_fit(chains.free)))[:, :, 0]
-    exact = stats.truncnorm(-measured / error, np.inf, measured, error)
-    size = effective_size(damping)
-    assert rhat(damping) < 1.01 and size > 1000
-    assert np.mean(damping) == pytest.approx(exact.mean(), abs=4.0 * exact.std() / np.sqrt(size))
-    np.testing.assert_allclose(np.quantile(damping, 0.975), exact.ppf(0.975), rtol=0.05)
