@@ -106,10 +106,9 @@ def at_drawn_truths(study: Study, truth: Mapping[str, float], scatter: float) ->
     thesis, ours = (
         np.array([geometric_mean(relative_errors(posed, here), paths) for here in drawn]) for posed in (study, plan)
     )
-    means = [100.0 * float(np.exp(np.mean(np.log(errors)))) for errors in (thesis, ours)]
-    gain = thesis / ours
-    told = f"{np.exp(np.mean(np.log(gain))):.1f} times less, {gain.min():.1f} at the worst of {TRUTHS}"
-    return Row(f"friction errors, truths drawn within {scatter:g}", *means, "%", told)
+    before, after = (100.0 * float(np.exp(np.mean(np.log(errors)))) for errors in (thesis, ours))
+    told = f"{before / after:.1f} times less, {np.min(thesis / ours):.1f} at the worst of {TRUTHS}"
+    return Row(f"friction errors, truths drawn within {scatter:g}", before, after, "%", told)
 
 
 def monte_carlo(plan: Plan, truth: Mapping[str, float]) -> dict[str, float]:
