@@ -68,8 +68,9 @@ def check_free(folder: Path, overwrite: bool) -> None:
     """
     held = [name for name in (*_RESULTS, DRAWS, CANDIDATES) if (folder / name).exists()]
     if held and not overwrite:
+        goes_on = ", or --resume to go on with them" if {DRAWS, CANDIDATES} & set(held) else ""
         raise InputError(
-            f"{folder}: found results already ({', '.join(held)}); expected another folder, or --overwrite."
+            f"{folder}: found results already ({', '.join(held)}); expected another folder, or --overwrite{goes_on}."
         )
     _check_writable(folder)
 

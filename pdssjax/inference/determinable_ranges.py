@@ -1,7 +1,8 @@
 """Ranges in which records can determine parameters: a fit stays within them where the study gives no bound.
 
 An element of creep that is quicker than the samples takes over the gain, one that takes much longer than the records
-is a drift of whose size and time the records show the quotient only.
+is a drift of whose size and time the records show the quotient only.  An element of hysteresis that slips within the
+flicker of the voltage takes over the gain, too.
 """
 
 import dataclasses
@@ -9,7 +10,7 @@ from collections.abc import Mapping
 
 from ..piezo.base import DeterminableRange, Shown
 from ..study import MARK, Parameter, Study
-from .initial_values.record_features import interval_of
+from .initial_values.record_features import interval_of, swing_of
 
 
 def determinable_ranges(study: Study) -> dict[str, DeterminableRange]:
@@ -23,6 +24,7 @@ def determinable_ranges(study: Study) -> dict[str, DeterminableRange]:
     shown = Shown(
         duration=max(float(record.time[-1] - record.time[0]) for record in driven) or None,
         interval=min(map(interval_of, driven)) or None,
+        swing=max(map(swing_of, driven)) or None,
     )
     found = {f"piezo.{name}": within for name, within in study.models.piezo.determinable_ranges(shown).items()}
     out = {}

@@ -45,15 +45,23 @@ def check_measured_once(records: Sequence[Record], where: object) -> None:
 
 def _shared(earlier: Record, later: Record) -> int:
     """How many samples two records have in common; 0 where they differ in any that could be."""
-    if earlier.time.size == later.time.size and np.array_equal(earlier.measured, later.measured):
+    if earlier.time.size == later.time.size and _equal(earlier.measured, later.measured):
         # Also where the clock of a copy was set anew.
         return _informative(earlier.measured)
     # On the clocks of the files, each up to a rounding.
     interval = float(np.median(np.diff(earlier.time))) if earlier.time.size > 1 else 1.0
     first, second = (np.round((r.time + r.start) / (1e-3 * interval)) for r in (earlier, later))
     _, here, there = np.intersect1d(first, second, return_indices=True)
-    same = here.size and np.array_equal(earlier.measured[here], later.measured[there])
+    same = here.size and _equal(earlier.measured[here], later.measured[there])
     return _informative(earlier.measured[here]) if same else 0
+
+
+_ROUNDING = 1e-12
+"""Relative: of the same samples in another unit."""
+
+
+def _equal(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"]) -> bool:
+    return np.allclose(one, other, rtol=0.0, atol=_ROUNDING * np.max(np.abs(one), initial=0.0))
 
 
 def _informative(values: Float[np.ndarray, " n"]) -> int:

@@ -17,12 +17,12 @@ from ._composition import (
     Composition,
     composed_guess,
     composition_of,
-    creep_range,
     fields_of,
     hysteretic_names,
     loop_columns,
     loop_numbers,
     mechanical_names,
+    told_by_records,
 )
 from ._dynamics import AbstractDynamics, FirstOrder, Modal, Mode, Static
 from ._rod import Rod, modes
@@ -51,7 +51,7 @@ class ComposedModel(AbstractStack):
 
     @classmethod
     def determinable_ranges(cls, shown: Shown) -> dict[str, DeterminableRange]:
-        return creep_range(cls.made, shown)
+        return told_by_records(cls.made, shown)
 
     def broken_conditions(self) -> tuple[str, ...]:
         if self.made.hysteresis == "maxwell-slip":

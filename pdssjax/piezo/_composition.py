@@ -218,6 +218,10 @@ _FEW, _LONG = 10.0, 3.0
 """Sample intervals that the fastest element of creep takes at least, and lengths of the longest record that the slowest
 takes at most: quicker, one takes over the gain or a lag of the mechanics, and slower, the other is a drift."""
 
+_NARROW = 0.05
+"""Part of the voltage's swing at which the last element slips at least: elements that slip within the flicker of a
+converter take over the gain, 0.067 of 0.1 um/V within two counts of 12 bits.  A ceramic's reach over most of it."""
+
 
 def composed_guess(
     made: Composition, nominal: Mapping[str, float], shown: Shown, known: Mapping[str, float], guess: dict[str, float]
@@ -250,18 +254,24 @@ def composed_guess(
     return guess
 
 
-def creep_range(made: Composition, shown: Shown) -> dict[str, DeterminableRange]:
-    """Range in which records can determine the time constant of a stack's fastest creep element; empty without one."""
-    if not made.creep or not shown.interval or not shown.duration:
-        return {}
-    low = _FEW * shown.interval
-    high = max(_LONG * shown.duration / 10.0 ** (made.creep - 1), _LONG * low)
-    slowest = "" if made.creep == 1 else f" for element {made.creep}, the slowest"
-    return {
-        "creep_time": DeterminableRange(
+def told_by_records(made: Composition, shown: Shown) -> dict[str, DeterminableRange]:
+    """Ranges in which records can determine the fastest element of creep, and the thresholds of hysteresis."""
+    found = {}
+    if made.creep and shown.interval and shown.duration:
+        low = _FEW * shown.interval
+        high = max(_LONG * shown.duration / 10.0 ** (made.creep - 1), _LONG * low)
+        slowest = "" if made.creep == 1 else f" for element {made.creep}, the slowest"
+        found["creep_time"] = DeterminableRange(
             low, high, f"{_FEW:g} sample intervals", f"{_LONG:g} times the length of the longest record{slowest}"
         )
-    }
+    if made.has_elements and shown.swing:
+        found[f"{'play' if made.hysteresis == 'play' else 'stop'}_range"] = DeterminableRange(
+            _NARROW * shown.swing,
+            made.elements * shown.swing,
+            f"{100.0 * _NARROW:g} % of the swing of the voltage",
+            "so much that the first element alone slips",
+        )
+    return found
 
 
 Samples = Float[np.ndarray, " n"]

@@ -50,6 +50,13 @@ def test_the_fastest_and_the_slowest_element_are_told_by_the_record(elements, in
     assert not stack.determinable_ranges(Shown())
 
 
+@pytest.mark.parametrize("law, path", [("play", "play_range"), ("maxwell-slip", "stop_range")])
+def test_elements_of_hysteresis_do_not_slip_within_the_flicker_of_a_voltage(law, path):
+    told = Composed.variant(f"static+{law}-4").determinable_ranges(Shown(swing=60.0))
+    assert {name: (within.low, within.high) for name, within in told.items()} == {path: (3.0, 240.0)}
+    assert not Composed.variant("static+bouc-wen").determinable_ranges(Shown(swing=60.0))
+
+
 @pytest.mark.parametrize(
     "elements, given, low, high",
     [

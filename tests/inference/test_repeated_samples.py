@@ -38,6 +38,7 @@ REPEATED = {
     "under another drive": (lambda r: dataclasses.replace(r, name="b", overrides=frozenset()), 400),
     "a copy with another clock": (lambda r: dataclasses.replace(r, name="b", time=r.time + 3.7), 400),
     "another start on the same clock": (lambda r: dataclasses.replace(r, name="b", time=r.time - 0.5, start=0.5), 400),
+    "in another unit": (lambda r: dataclasses.replace(r, name="b", measured=(r.measured / 1e-9) * 1e-9), 400),
     "a window of the other": (lambda r: part(r, 150, 300, name="b"), 150),
     "windows that overlap": (lambda r: part(r, 300, 400, name="b"), 100),
 }

@@ -305,6 +305,11 @@ def interval_of(record: Record) -> float:
     return float(np.median(np.diff(record.time)))
 
 
+def swing_of(record: Record) -> float:
+    """Difference of the highest and the lowest voltage of a record's drive [V], the 0 V before it counted."""
+    return float(np.ptp(np.append(voltages(record), 0.0)))
+
+
 def voltages_at(record: Record, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """The voltage of a record's drive at `time` [s], in V."""
     assert record.drive is not None

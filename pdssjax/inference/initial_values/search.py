@@ -42,7 +42,7 @@ from .record_features import (
     oscillator,
     peak_bend,
     stop_stiffness,
-    voltages,
+    swing_of,
 )
 
 TRIALS, TRIALS_OF_ONE = 512, 64
@@ -209,10 +209,9 @@ def _within(number: float, parameter: Parameter) -> float:
 def _piezo_from_data(models: Models, known: Mapping[str, float], records: Sequence[Record]) -> dict[str, float]:
     """Starts of the stack's parameters from the records, as its model takes them."""
     driven = [record for record in records if record.drive is not None]
-    swings = [float(np.ptp(np.append(voltages(record), 0.0))) for record in driven]
     shown = Shown(
         **oscillator(driven, "piezo.natural_frequency" in models.declared()),
-        swing=max(swings, default=0.0) or None,
+        swing=max(map(swing_of, driven), default=0.0) or None,
         duration=max((float(record.time[-1]) for record in driven), default=0.0) or None,
         interval=min(map(interval_of, driven), default=None),
     )
