@@ -87,6 +87,9 @@ def read_estimate(file: Path) -> Document:
         raise InputError(f"{file}: there is no such file, expected an estimate.json.") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{file}: cannot be read ({error}), expected an estimate.json.") from None
+    except json.JSONDecodeError as error:
+        where = f"{file}: line {error.lineno}, column {error.colno}"
+        raise InputError(f"{where}: found no valid JSON: {error.msg}.") from None
     except (ValueError, RecursionError) as error:  # beside syntax: integers and nesting beyond what Python reads
         raise InputError(f"{file}: found no valid JSON: {error}.") from None
     found = document.get("format") if isinstance(document, dict) else None

@@ -8,7 +8,7 @@ so that first order does not do (`SigmaPoints`).
 import dataclasses
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -23,6 +23,9 @@ from .request_check import drive_of
 
 if TYPE_CHECKING:
     import xarray
+
+Coordinate: TypeAlias = tuple[str, Float[np.ndarray, " values"], dict[str, str]]
+"""Dimension, values and attributes, as xarray takes them."""
 
 
 def labelled(
@@ -63,8 +66,8 @@ def labelled(
     return xarray.Dataset(data, coordinates_of(points, declared), attributes | held)
 
 
-def coordinates_of(points: AbstractPoints, declared: Mapping[str, Quantity]) -> dict[str, tuple[Any, ...]]:
-    """The coordinates of the `points`: by name, dimension, values and attributes, as xarray takes them."""
+def coordinates_of(points: AbstractPoints, declared: Mapping[str, Quantity]) -> dict[str, Coordinate]:
+    """The coordinates of the `points`, by name."""
     return {
         path.replace(".", "_"): (dimension, values, {"units": declared[path].unit or "1", "long_name": path})
         for path, (dimension, values) in points.coordinates().items()
