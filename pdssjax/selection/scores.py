@@ -15,6 +15,10 @@ scatter counts (Q. H. Vuong, Econometrica 57(2), 1989).  A difference is signifi
 matters where it exceeds both `MIN_SCORE_DIFFERENCE` and half of what the better model itself leaves beyond noise: where
 no model is right, differences below their common error are no reason to choose.  On blocks of time it does not matter,
 either, where the model behind explains what is fitted as well (`Fitness`).
+
+A record that alone tells some parameters of a right model cannot be predicted from the others.  So one that explains
+all that is fitted, where the other does not by far, is not refused for fitted records held out, only for those that no
+fit has seen.
 """
 
 from collections.abc import Mapping, Sequence
@@ -138,6 +142,8 @@ class Fitness(NamedTuple):
     """Minus twice the logarithm of its likelihood."""
     criterion: float
     """Schwarz's: the deviance and, of each parameter, the logarithm of the number of independent samples."""
+    explains: bool = False
+    """It leaves no more than the common noise of what was fitted."""
 
     def is_no_worse(self, other: "Fitness") -> bool:
         """Whether the model explains as much as the `other`: by the criterion with fewer parameters, by the likelihood
@@ -145,6 +151,10 @@ class Fitness(NamedTuple):
         if self.free < other.free:
             return self.criterion <= other.criterion
         return self.free > other.free and self.deviance <= other.deviance + 2.0 * MIN_SCORE_DIFFERENCE
+
+    def outdoes(self, other: "Fitness") -> bool:
+        """Whether the model explains what was fitted, and the `other` is beyond doubt no match by the criterion."""
+        return self.explains and self.criterion + 2.0 * MIN_SCORE_DIFFERENCE < other.criterion
 
 
 class Scores(NamedTuple):
@@ -232,14 +242,23 @@ def scores_of(
 def choose(order: Sequence[str], scores: Scores) -> tuple[str, str]:
     """The simplest model that predicts held-out samples no worse than any, and the one that predicts them best.
 
-    Whole records that no fit has seen go first: a model that predicts them significantly worse is never chosen,
-    however well it follows blocks of the records fitted.
+    Whole records go first: a model that predicts those to validate significantly worse is never chosen, however well it
+    follows blocks of the records fitted; one that so predicts fitted records held out only where it outdoes the other
+    by all that was fitted.
 
     **Arguments:** models from the simplest on.
     """
     records = scores.only("record", "validation")
     best = records.best(order)
-    eligible = [name for name in order if not records.difference(best, name).is_significant]
+    unseen = scores.only("validation")
+
+    def is_eligible(name: str) -> bool:
+        if not records.difference(best, name).is_significant:
+            return True
+        outdoes = bool(scores.fits) and scores.fits[name].outdoes(scores.fits[best])
+        return outdoes and not unseen.difference(best, name).is_significant
+
+    eligible = [name for name in order if is_eligible(name)]
     time = scores.only("time", "validation")
     reference = time.best(eligible)
     for name in eligible:
@@ -277,10 +296,12 @@ def fitness(
 
     **Arguments:** of each record that is fitted, its noise and the residuals of the fit.
     """
-    deviance, independent = 0.0, 0.0
+    deviance, independent, squares, samples = 0.0, 0.0, 0.0, 0
     for record, noise, residual in zip(records, noises, residuals, strict=True):
         white = whitener(record, noise, np.ones(residual.size, bool))
         w = white(residual)
+        squares, samples = squares + float(w @ w), samples + w.size
         deviance += float(w @ w) + white.log_volume
         independent += noise.independent
-    return Fitness(free, deviance, deviance + free * float(np.log(max(independent, 1.0))))
+    explains = squares <= samples + EXCESS_SIGMAS * np.sqrt(2.0 * max(samples, 1))
+    return Fitness(free, deviance, deviance + free * float(np.log(max(independent, 1.0))), bool(explains))

@@ -182,3 +182,16 @@ def test_a_few_samples_are_not_held_out():
     study = SimpleNamespace(records=(record(time=TIME[:30]),))
     assert parts_of(study) == ()
     assert isinstance(common_noise(record(time=TIME[:30]), np.zeros(30), 30).noise, StationaryNoise)
+
+
+def test_a_right_model_is_not_refused_for_a_fitted_record_that_alone_tells_some_of_its_parameters():
+    """As LuGre's law with a record that was planned to show its Stribeck effect."""
+    off = {"simple": (1.0, 1.0, 1.0, 1.0, 0.0), "right": (0.0, 0.0, 0.0, 0.0, 3.0)}
+    fits = {"simple": Fitness(5, 400.0, 434.0), "right": Fitness(7, 100.0, 148.0, explains=True)}
+    scores = scored(["time"] * 4 + ["record"], off)._replace(fits=fits)
+    assert choose(["simple", "right"], scores) == ("right", "right")
+    assert groups_of(["simple", "right"], "right", "right", scores) == [["right"], ["simple"]]
+    unexplained = scores._replace(fits=fits | {"right": Fitness(7, 100.0, 148.0)})
+    close = scores._replace(fits=fits | {"simple": Fitness(5, 119.0, 153.0)})
+    unseen = scored(["time"] * 4 + ["validation"], off)._replace(fits=fits)
+    assert [choose(["simple", "right"], each)[0] for each in (unexplained, close, unseen)] == ["simple"] * 3
