@@ -175,7 +175,8 @@ def _solved_own(
     run = _finite(integrate_steps(system, t1, accuracy))
     seen = states_at(system, run, ts)
     reached = ts <= jnp.where(run.failure > 0, run.end.time, t1)
-    ys = jax.tree.map(lambda leaf: jnp.where(reached, leaf, jnp.nan), seen.x)
+    known = jnp.where(reached, 1.0, jnp.nan)  # a factor, so that derivatives are unknown, too
+    ys = jax.tree.map(lambda leaf: leaf * known, seen.x)
     modes = jnp.where(reached, seen.mode.astype(int), -1)
     split = jax.vmap(unflattener(system))
     events = _events(run, 0.0, 1.0, split, max_events, jnp.inf)
@@ -232,7 +233,8 @@ def _solved(flat: FlattenedSystem, ts: Float[Array, " times"], accuracy: Accurac
     sound = _sound_until(flat, run)
     stopped = jnp.where(run.failure > 0, run.end.time, 1.0)
     reached = (parts >= -1e-12) & (parts <= stopped + 1e-12) & (parts < sound) & (flat.span > 0.0)
-    ys = flat.layout.split(jnp.where(reached[:, None], jnp.stack(seen.x, axis=-1), jnp.nan))
+    known = jnp.where(reached[:, None], 1.0, jnp.nan)  # a factor, so that derivatives are unknown, too
+    ys = flat.layout.split(jnp.stack(seen.x, axis=-1) * known)
     modes = jnp.where(reached, flat.modes_of(seen.mode), -1)
     result = jnp.where((run.failure != 2) & jnp.isfinite(sound), 3, run.failure)
     result = jnp.where(flat.span > 0.0, result, 4)

@@ -96,6 +96,16 @@ def test_a_reverse_derivative_is_differentiated_again_in_both_modes(outer):
     np.testing.assert_allclose(jax.jit(outer(jax.jacrev(height)))(0.7), expected, rtol=1e-9)
 
 
+def test_a_derivative_of_what_was_not_reached_is_unknown():
+    """Under `jit` an error of values that nobody asks for is dropped, and a derivative of 0 would pass for one."""
+
+    def height(restitution):
+        args = {"gravity": 9.81, "restitution": restitution}
+        return integrate(BouncingBall(), 0.0, 1.5, (0.8, 0.0), args, saveat=jnp.array([1.2]), max_steps=8).ys[0][0]
+
+    assert np.isnan(jax.jit(jax.grad(height))(0.7))
+
+
 def test_corners_may_come_in_any_order():
     class Steps(HybridSystem):
         def vector_field(self, t, y, args, mode):
