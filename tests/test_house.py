@@ -369,3 +369,11 @@ def test_the_package_and_the_command_line_are_there_before_jax_is_loaded(module)
 def test_completion_shows_the_public_names():
     assert set(pdssjax.__all__) <= set(dir(pdssjax))
     assert {"load_study", "identify", "simulate", "sweep", "characterise", "Actuator", "Accuracy"} <= set(dir(pdssjax))
+
+
+def test_experiments_and_benchmarks_start_from_the_root_of_the_repository_alone():
+    folders = [ROOT / "experiments", ROOT / "benchmarks"]
+    names = [f"{path.parent.name}.{path.stem}" for folder in folders for path in folder.glob("[!_]*.py")]
+    program = f"import importlib\nfor name in {names}: importlib.import_module(name)"
+    found = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert len(names) > 20 and not found.returncode, found.stderr[-500:]

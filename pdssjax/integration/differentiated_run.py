@@ -261,16 +261,9 @@ def _run_derivatives_jvp(
     return (derivatives, facts), (RunDerivatives(begins_dot, end_dot, shown_dot), jax.tree.map(lambda _: None, facts))
 
 
-_FINER = 0.01
-"""Factor on the tolerances for second derivatives: from a default of 1e-14 m to rounding.
-
-Each order of derivatives loses digits: of eight random actuators with Stribeck's law one was 2e-4 off without it, of
-fifty with the published law one was 3e-3 off with a tenth, and is 4e-6 off.
-"""
-
-
 def _finer(accuracy: Accuracy) -> Accuracy:
-    tolerances = {name: _FINER * getattr(accuracy, name) for name in ("tolerance", "settle_tolerance")}
+    """For second derivatives: each order of derivatives loses digits."""
+    tolerances = {name: accuracy.method.finer * getattr(accuracy, name) for name in ("tolerance", "settle_tolerance")}
     return dataclasses.replace(accuracy, **tolerances)
 
 

@@ -120,7 +120,8 @@ def integrate(
     - `max_events`: how many events are listed
     - `method`: collocation, `Picard()`, by default; `OneStep(diffrax.Kvaerno5())` for stiff fields; `Taylor()` for
       states of scalars whose field is made of + - * / and the functions of `pdssjax.integration`
-    - `throw`: raise where the run does not reach `t1`; if not, `result` says why, and what was not reached is NaN
+    - `throw`: raise where the run does not reach `t1`; if not, `result` says why, and what was not reached is NaN,
+      with derivatives of 0
 
     **Raises** `InputError` for what cannot be integrated, and `RuntimeError` as `throw` says.
     """
@@ -146,7 +147,7 @@ def integrate(
         moving = _flattened(system, t0, t1, y0, args, mode, (rtol, atol), isinstance(method, Taylor))
         accuracy, solve = Accuracy(1.0, 1.0, method, max_steps), _solved
     _check_times(t0, t1, ts)
-    solution = solve(moving, ts, accuracy, max_events)
+    solution = solve(moving, ts, accuracy, max_events, throw)
     return _thrown(solution) if throw else solution
 
 
@@ -169,17 +170,22 @@ def _check_own(system: AbstractHybridSystem, y0: Tree, t0: ScalarLike, args: Tre
 
 @eqx.filter_jit
 def _solved_own(
-    system: AbstractHybridSystem, ts: Float[Array, " times"], accuracy: Accuracy, max_events: int, *, t1: Scalar
+    system: AbstractHybridSystem,
+    ts: Float[Array, " times"],
+    accuracy: Accuracy,
+    max_events: int,
+    throw: bool,
+    *,
+    t1: Scalar,
 ) -> Solution:
     """The solution of a system that has the integrator's own interface, from 0 s on."""
     run = _finite(integrate_steps(system, t1, accuracy))
     seen = states_at(system, run, ts)
     reached = ts <= jnp.where(run.failure > 0, run.end.time, t1)
-    known = jnp.where(reached, 1.0, jnp.nan)  # a factor, so that derivatives are unknown, too
-    ys = jax.tree.map(lambda leaf: leaf * known, seen.x)
+    ys = jax.tree.map(lambda leaf: _known(leaf, reached, throw), seen.x)
     modes = jnp.where(reached, seen.mode.astype(int), -1)
     split = jax.vmap(unflattener(system))
-    events = _events(run, 0.0, 1.0, split, max_events, jnp.inf)
+    events = _events(run, 0.0, 1.0, split, max_events, jnp.inf, throw & (run.failure > 0))
     stopped = jnp.where(run.failure > 0, run.end.time, t1)
     return Solution(ts, ys, modes, events, _stats(run), stopped, run.failure)
 
@@ -226,20 +232,29 @@ def _flattened(
 
 
 @eqx.filter_jit
-def _solved(flat: FlattenedSystem, ts: Float[Array, " times"], accuracy: Accuracy, max_events: int) -> Solution:
+def _solved(
+    flat: FlattenedSystem, ts: Float[Array, " times"], accuracy: Accuracy, max_events: int, throw: bool
+) -> Solution:
     run = _finite(integrate_steps(flat, 1.0, accuracy))
     parts = (ts - flat.t0) / flat.span
     seen = states_at(flat, run, parts)
     sound = _sound_until(flat, run)
     stopped = jnp.where(run.failure > 0, run.end.time, 1.0)
     reached = (parts >= -1e-12) & (parts <= stopped + 1e-12) & (parts < sound) & (flat.span > 0.0)
-    known = jnp.where(reached[:, None], 1.0, jnp.nan)  # a factor, so that derivatives are unknown, too
-    ys = flat.layout.split(jnp.stack(seen.x, axis=-1) * known)
+    ys = flat.layout.split(_known(jnp.stack(seen.x, axis=-1), reached[:, None], throw))
     modes = jnp.where(reached, flat.modes_of(seen.mode), -1)
     result = jnp.where((run.failure != 2) & jnp.isfinite(sound), 3, run.failure)
     result = jnp.where(flat.span > 0.0, result, 4)
-    events = _events(run, flat.t0, flat.span, flat.layout.split, max_events, sound)
+    events = _events(run, flat.t0, flat.span, flat.layout.split, max_events, sound, throw & (result > 0))
     return Solution(ts, ys, modes, events, _stats(run), flat.t0 + flat.span * jnp.minimum(stopped, sound), result)
+
+
+def _known(values: Float[Array, "..."], known: Bool[Array, "..."], fails: bool | Bool[Array, ""]) -> Array:
+    """The values that are known, and NaN; where the run `fails`, with derivatives of NaN.
+
+    A derivative drops the error with the values that it hangs on, and would be 0 behind a mask.
+    """
+    return jnp.where(known | fails, values * jnp.where(known | ~jnp.asarray(fails), 1.0, jnp.nan), jnp.nan)
 
 
 def _finite(run: SteppedRun) -> SteppedRun:
@@ -258,6 +273,7 @@ def _events(
     split: Callable[[Float[Array, "events components"]], Tree],
     most: int,
     sound: ScalarLike,
+    fails: Bool[Array, ""],
 ) -> Events:
     """The first events of a run, at most so many, to the time `sound`; its clock began at `t0`, its unit is `span`."""
     steps, end = run.steps, run.end
@@ -271,8 +287,8 @@ def _events(
     listed &= times <= sound
     after = jnp.where(last[:, None], end.x, steps.x[following])
     before = _along(steps.polynomials[rows], times - begins[rows])
-    shown = lambda x: split(jnp.where(listed[:, None], x, jnp.nan))
-    ts = jnp.where(listed, t0 + span * times, jnp.nan)
+    shown = lambda x: split(_known(x, listed[:, None], fails))
+    ts = _known(t0 + span * times, listed, fails)
     return Events(ts, jnp.where(listed, steps.which[rows], -1), shown(before), shown(after), run.events)
 
 

@@ -5,14 +5,14 @@ import json
 
 import numpy as np
 import pytest
-from independent import Rig, simulate
-from laws.dahl import Dahl
-from laws.elastoplastic import Elastoplastic
-from laws.lugre import LuGre
-from laws.simplified_lugre import SimplifiedLuGre
 
 import pdssjax
 from experiments import compared_rigs, drawn_rigs
+from tests.reference.independent import Rig, simulate
+from tests.reference.laws.dahl import Dahl
+from tests.reference.laws.elastoplastic import Elastoplastic
+from tests.reference.laws.lugre import LuGre
+from tests.reference.laws.simplified_lugre import SimplifiedLuGre
 
 KINDS = {"dahl": Dahl, "simplified-lugre": SimplifiedLuGre, "lugre": LuGre, "elastoplastic": Elastoplastic}
 

@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from independent import Rig, simulate
 from record_tables import COLUMNS, record_table
 
 import pdssjax
+from tests.reference.independent import Rig, simulate
 
 NOISE = 0.0105
 """Of the sensor [um]."""

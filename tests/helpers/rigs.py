@@ -6,13 +6,13 @@ from functools import cache
 import jax
 import jax.numpy as jnp
 import numpy as np
-from independent import Rig
 
 from pdssjax import Accuracy, Actuator, Effector, simulate
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import displacements
+from tests.reference.independent import Rig
 
 SAMPLES = 120
 """Samples a record, the same everywhere: another number would be compiled anew."""

@@ -96,14 +96,25 @@ def test_a_reverse_derivative_is_differentiated_again_in_both_modes(outer):
     np.testing.assert_allclose(jax.jit(outer(jax.jacrev(height)))(0.7), expected, rtol=1e-9)
 
 
-def test_a_derivative_of_what_was_not_reached_is_unknown():
+def broken_off(restitution, throw):
+    """A run whose steps are used up, after the fifth impact, at 1.84 s."""
+    args, at = {"gravity": 9.81, "restitution": restitution}, jnp.array([0.5, 2.4])
+    return integrate(BouncingBall(), 0.0, 2.5, (0.8, 0.0), args, saveat=at, max_steps=30, throw=throw)
+
+
+@pytest.mark.parametrize("derivative", [jax.jacrev, jax.jacfwd], ids=["jacrev", "jacfwd"])
+@pytest.mark.parametrize("output", [lambda run: run.ys[0], lambda run: run.events.ts], ids=["heights", "events"])
+def test_derivatives_are_unknown_where_a_run_breaks_off(derivative, output):
     """Under `jit` an error of values that nobody asks for is dropped, and a derivative of 0 would pass for one."""
+    assert np.isnan(jax.jit(derivative(lambda e: output(broken_off(e, True)).sum()))(0.7))
 
-    def height(restitution):
-        args = {"gravity": 9.81, "restitution": restitution}
-        return integrate(BouncingBall(), 0.0, 1.5, (0.8, 0.0), args, saveat=jnp.array([1.2]), max_steps=8).ys[0][0]
 
-    assert np.isnan(jax.jit(jax.grad(height))(0.7))
+@pytest.mark.parametrize("derivative", [jax.jacrev, jax.jacfwd], ids=["jacrev", "jacfwd"])
+def test_derivatives_are_right_up_to_where_a_run_breaks_off(derivative):
+    fall = lambda e: free_fall(jnp.stack([0.8, 9.81, e]), jnp.array([0.5]))[0][0, 0]
+    found = jax.jit(derivative(lambda e: broken_off(e, False).ys[0][0]))(0.7)
+    assert np.isnan(broken_off(0.7, False).ys[0][1])
+    assert found == pytest.approx(float(jax.grad(fall)(0.7)), rel=1e-9)
 
 
 def test_corners_may_come_in_any_order():

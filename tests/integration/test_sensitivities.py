@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from independent import Rig
 from marks import slow
 from rigs import NAMES, SAMPLES, jacobian, trajectory, values, varied
 
 from pdssjax import Accuracy
 from pdssjax.integration import TIGHT
+from tests.reference.independent import Rig
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
 PARAMETERS = NAMES[:-1]  # all but the direction

@@ -5,12 +5,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from independent import Rig
 from rigs import SAMPLES, models, trajectory, values
 
 from pdssjax import Accuracy, OneStep, simulate
 from pdssjax.integration import TIGHT
 from pdssjax.integration.taylor_series import taylor_coefficients
+from tests.reference.independent import Rig
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.0034
 """Two drops at 5 Hz."""

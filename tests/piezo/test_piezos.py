@@ -5,8 +5,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from combinations.motion import simulate
-from combinations.rig import rig_of
 from marks import slow
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
@@ -26,6 +24,8 @@ from pdssjax.piezo.maxwell_slip import MaxwellSlip
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
 from pdssjax.simulation import PlatformOnly, platform, sensor_samples
+from tests.reference.combinations.motion import simulate
+from tests.reference.combinations.rig import rig_of
 
 PIEZOS = {"second-order": SecondOrder, "creep": Creep, "bouc-wen": BoucWen, "maxwell-slip": MaxwellSlip}
 W = 6736.0

@@ -12,8 +12,9 @@ import math
 from typing import Any
 
 import numpy as np
-from laws.anisotropic_lugre import AnisotropicLuGre
 from scipy.integrate import solve_ivp
+
+from tests.reference.laws.anisotropic_lugre import AnisotropicLuGre
 
 REST = 2
 """The mode of what rides along until the next corner; +1, -1 and 0 slide and stick."""

@@ -11,13 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from combinations.motion import simulate
-from combinations.rig import rig_of
-from independent import Rig, simulate as simulate_on_one_stack
-from laws.dahl import Dahl
-from laws.generalized_maxwell_slip import GeneralizedMaxwellSlip
-from laws.lugre import LuGre
-from laws.reset_integrator import ResetIntegrator
 from scipy.integrate import solve_ivp
 
 from experiments.actuator_structure import SHARES, Structure
@@ -26,6 +19,13 @@ from pdssjax import AbstractDrive
 from pdssjax.core import quantities
 from pdssjax.integration import TIGHT
 from pdssjax.simulation import ACCELERATION, DISPLACEMENT, STOP_FORCE, VELOCITY
+from tests.reference.combinations.motion import simulate
+from tests.reference.combinations.rig import rig_of
+from tests.reference.independent import Rig, simulate as simulate_on_one_stack
+from tests.reference.laws.dahl import Dahl
+from tests.reference.laws.generalized_maxwell_slip import GeneralizedMaxwellSlip
+from tests.reference.laws.lugre import LuGre
+from tests.reference.laws.reset_integrator import ResetIntegrator
 
 GAIN, PEAK = 1e-7, 64.0
 SEEN = np.linspace(1e-4, 0.049, 200)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from independent import Rig, simulate
 from marks import slow
 from rigs import SAMPLES, trajectory
 
@@ -15,6 +14,7 @@ from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.integration import TIGHT
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import displacements
+from tests.reference.independent import Rig, simulate
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
 """Off the corners of the drive, where the force of a stuck contact jumps."""

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from test_independent_laws import LAWS
 
 from pdssjax import Accuracy
 from pdssjax.core import member
 from pdssjax.simulation import FRICTION_FORCE, PrescribedMotion, sensor_samples
+from tests.reference.test_independent_laws import LAWS
 
 LEGS = 60
 PARTS = (0.02, 0.3, 0.95)

@@ -13,15 +13,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from independent import Rig, simulate
-from independent_friction import Law
-from laws.coulomb import Coulomb
 
 from pdssjax import Accuracy, Actuator, Effector, simulate as simulated
 from pdssjax.core import member, members
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.integration import TIGHT
 from pdssjax.piezo.second_order import SecondOrder
+from tests.reference.independent import Rig, simulate
+from tests.reference.independent_friction import Law
+from tests.reference.laws.coulomb import Coulomb
 
 SAMPLES = 150
 DEFAULT, FINE = Accuracy(), Accuracy(1e-12, 1e-13)
@@ -34,7 +34,7 @@ SIMULATED = [name for name in FOUND if name not in ASIDE]
 
 def cases(name: str) -> dict[str, Law]:
     """The cases of a law, by what is special of each."""
-    return importlib.import_module(f"laws.{name.replace('-', '_')}").CASES
+    return importlib.import_module(f"tests.reference.laws.{name.replace('-', '_')}").CASES
 
 
 LAWS = {f"{name}, {kind}".rstrip(", "): (name, law) for name in SIMULATED for kind, law in cases(name).items()}

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from independent import Rig, simulate
 from rigs import SAMPLES, trajectory
-from test_independent_laws import SIMULATED, cases, moments, packaged
 
 from pdssjax import Accuracy
+from tests.reference.independent import Rig, simulate
+from tests.reference.test_independent_laws import SIMULATED, cases, moments, packaged
 
 SHAPES = "atol", "exponent", "delta"
 """Numbers of a law that are no quantity to scatter."""

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from independent import Rig, simulate
 from rigs import NAMES, jacobian, trajectory, values, varied
 
 from pdssjax import Accuracy
 from pdssjax.integration import TIGHT
+from tests.reference.independent import Rig, simulate
 
 # By default `test_independent` has both states, `test_sensitivities` derivatives, and `tests/study/test_prediction.py`
 # a trajectory of the stored reference.

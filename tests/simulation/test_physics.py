@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from independent import Rig
 from rigs import SAMPLES, trajectory
 from scipy.integrate import cumulative_simpson, solve_ivp
 from sliding import Contact
@@ -14,6 +13,7 @@ from pdssjax import Accuracy
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.integration import TIGHT
+from tests.reference.independent import Rig
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
 SAME = replace(Rig(), s0=(1e6, 1e6), s1=(45.0, 45.0), f_ss=(0.65, 0.65))

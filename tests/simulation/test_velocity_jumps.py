@@ -3,8 +3,6 @@
 import jax
 import numpy as np
 import pytest
-from combinations.motion import simulate
-from combinations.rig import rig_of
 from marks import slow
 
 import pdssjax
@@ -16,6 +14,8 @@ from pdssjax.friction.dahl import Dahl
 from pdssjax.friction.reset_integrator import ResetIntegrator
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.piezo.static import Static
+from tests.reference.combinations.motion import simulate
+from tests.reference.combinations.rig import rig_of
 
 MASS = 0.086
 TIME = np.linspace(1.3e-6, 3e-3, 31)

@@ -49,6 +49,8 @@ class AbstractStepMethod(eqx.Module):
 
     noise: ClassVar[float]
     """Tolerances below which the sign of a small velocity means nothing: its reversals are not events."""
+    finer: ClassVar[float]
+    """Factor on the tolerances for second derivatives, above where rounding decides how long a step is."""
 
     @property
     @abc.abstractmethod

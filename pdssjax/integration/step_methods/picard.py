@@ -38,6 +38,7 @@ class Picard(AbstractStepMethod):
 
     degree: int = eqx.field(static=True, default=14)
     noise: ClassVar[float] = 10.0
+    finer: ClassVar[float] = 0.01
 
     @property
     def span(self) -> float:

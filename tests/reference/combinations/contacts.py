@@ -5,8 +5,8 @@ import importlib
 import math
 from typing import Any
 
-from independent_friction import Law
-from laws.stribeck import Stribeck
+from tests.reference.independent_friction import Law
+from tests.reference.laws.stribeck import Stribeck
 
 ROUNDING = 1e-3
 """e, the part of v_s below which the tip of a Stribeck curve is rounded."""
@@ -28,7 +28,7 @@ def law_class(name: str) -> Any:
     """The law that a file of `laws` defines, such as "elastoplastic"."""
     if name == "stribeck":
         return RoundedStribeck
-    module = importlib.import_module(f"laws.{name.replace('-', '_')}")
+    module = importlib.import_module(f"tests.reference.laws.{name.replace('-', '_')}")
     classes = [thing for thing in vars(module).values() if isinstance(thing, type) and issubclass(thing, Law)]
     (law,) = (thing for thing in classes if thing.__module__ == module.__name__)
     return law

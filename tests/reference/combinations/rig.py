@@ -5,12 +5,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from combinations.contacts import contact_of
-from combinations.drives import segments_of
-from combinations.hysteresis import Piece
-from combinations.stacks import Stack, stack_of
-from combinations.voltage import Amplifier, ideal
-from independent_friction import Law
+from tests.reference.combinations.contacts import contact_of
+from tests.reference.combinations.drives import segments_of
+from tests.reference.combinations.hysteresis import Piece
+from tests.reference.combinations.stacks import Stack, stack_of
+from tests.reference.combinations.voltage import Amplifier, ideal
+from tests.reference.independent_friction import Law
 
 GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s^2]."""

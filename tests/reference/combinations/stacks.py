@@ -8,9 +8,10 @@ import copy
 import dataclasses
 import math
 
-from combinations.hysteresis import BoucWen, Elements, Piece
-from combinations.voltage import Stretch, monotone
 from scipy.optimize import brentq
+
+from tests.reference.combinations.hysteresis import BoucWen, Elements, Piece
+from tests.reference.combinations.voltage import Stretch, monotone
 
 STACK_MASS = 0.56
 """Moving mass m_g [kg] where none is given: it counts with friction feedback only."""

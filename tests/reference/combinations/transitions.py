@@ -4,8 +4,9 @@ import dataclasses
 import math
 
 import numpy as np
-from combinations.equations import Equations, Mode
-from combinations.hysteresis import Piece
+
+from tests.reference.combinations.equations import Equations, Mode
+from tests.reference.combinations.hysteresis import Piece
 
 AHEAD = 1e-9, 1e-8, 1e-7
 """Times [s] by which a motion is followed as if it stuck, to see which way it wants."""

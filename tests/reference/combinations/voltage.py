@@ -10,8 +10,8 @@ a ramp while it slews, else the command's own harmonic response and a decaying e
 import dataclasses
 import math
 
-from combinations.drives import Segment
-from combinations.roots import first_fall
+from tests.reference.combinations.drives import Segment
+from tests.reference.combinations.roots import first_fall
 
 JUST = 1e-12
 """Time [s] after a begin in which a function that starts on its limit is taken to be inside."""

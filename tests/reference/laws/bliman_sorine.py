@@ -3,7 +3,7 @@
 import dataclasses
 import math
 
-from independent_friction import Law
+from tests.reference.independent_friction import Law
 
 
 @dataclasses.dataclass(frozen=True)

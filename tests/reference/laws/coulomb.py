@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from independent_friction import Law
+from tests.reference.independent_friction import Law
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,8 +3,8 @@
 import dataclasses
 import math
 
-from independent_friction import curve
-from laws.lugre import LuGre
+from tests.reference.independent_friction import curve
+from tests.reference.laws.lugre import LuGre
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,8 +3,9 @@
 import dataclasses
 import math
 
-from independent_friction import Law, curve
 from scipy.optimize import brentq
+
+from tests.reference.independent_friction import Law, curve
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from independent_friction import Law, curve
+from tests.reference.independent_friction import Law, curve
 
 
 @dataclasses.dataclass(frozen=True)
