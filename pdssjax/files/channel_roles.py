@@ -300,11 +300,11 @@ class _RoleSearch:
         return bool(steps.size > 2 and np.all(steps > 0) and np.ptp(steps) < 0.5 * np.median(steps))
 
     def may_move(self, channel: Channel) -> bool:
-        """Whether a channel may show a motion: it changes, and is not called a trigger."""
+        """Whether a channel may show a motion: it changes, does not count samples, and is not called a trigger."""
         if _triggers(channel):
             return False
         values = self._values(channel)
-        return bool(values.size and np.ptp(values) > 0)
+        return bool(values.size and np.ptp(values) > 0 and not np.all(np.diff(values) == 1.0))
 
     def is_a_drive(self, channel: Channel) -> bool:
         """Whether a channel has one of the waveforms, which a motion has not."""

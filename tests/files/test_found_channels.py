@@ -63,6 +63,16 @@ def test_a_refusal_says_which_channels_were_taken(tmp_path):
         roles_of(text_file(tmp_path, "time_s,u_V,a_um,b_um", *columns), UNTOLD)
 
 
+def test_a_count_of_samples_beside_a_clock_is_no_motion(tmp_path):
+    count = np.arange(60.0)
+    columns = np.random.default_rng(4).standard_normal((2, 60))
+    with pytest.raises(InputError, match=r'no channel that may be the displacement \(4: "sensor_V"'):
+        roles_of(
+            text_file(tmp_path, "n,time_s,u_V,sensor_V", count, 1e-3 * count, *columns),
+            Hints({"voltage": "u_V"}, {}, {}),
+        )
+
+
 def test_a_letter_among_symbols_is_not_taken_for_volts(tmp_path):
     time = 1e-3 * np.arange(400)
     wave = [np.sin(30 * time), np.sin(30 * time), np.cos(30 * time), np.sign(np.cos(30 * time))]
