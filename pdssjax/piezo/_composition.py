@@ -66,18 +66,18 @@ def composition_of(text: str) -> Composition:
     """
     first, *others = text.split("+")
     dynamics, modes = _numbered(first, "rod")
-    made = Composition(dynamics, "none", 0, 1, 0, modes or 1)
+    composition = Composition(dynamics, "none", 0, 1, 0, modes or 1)
     for part in others:
         name, number = _numbered(part, "play", "maxwell-slip", "asymmetry", "creep")
         if name in HYSTERESES:
-            made = made._replace(hysteresis=name, elements=number)
+            composition = composition._replace(hysteresis=name, elements=number)
         elif name == "asymmetry":
-            made = made._replace(asymmetry=number)
+            composition = composition._replace(asymmetry=number)
         else:
-            made = made._replace(creep=number)
-    if made.dynamics not in DYNAMICS or made.text != text:
+            composition = composition._replace(creep=number)
+    if composition.dynamics not in DYNAMICS or composition.text != text:
         raise KeyError(text)
-    return made
+    return composition
 
 
 def _numbered(part: str, *counted: str) -> tuple[str, int]:
@@ -94,52 +94,54 @@ class Field(NamedTuple):
     """Meaning of the parameter, with its symbol and unit."""
 
 
-def fields_of(made: Composition) -> list[Field]:
+def fields_of(composition: Composition) -> list[Field]:
     """The parameters of a stack, in the order in which reports show them."""
-    ends = "in the end" if made.hysteresis == "maxwell-slip" else "right after a turn"
+    ends = "in the end" if composition.hysteresis == "maxwell-slip" else "right after a turn"
     gain = quantity(0.8e-7, "m/V", positive=False, low=0.0, linear=True)
     return [
         Field("gain", gain, f"Displacement per volt C that follows at once, {ends} [m/V]; may be 0."),
-        *_dynamics_fields(made),
-        *_hysteresis_fields(made),
+        *_dynamics_fields(composition),
+        *_hysteresis_fields(composition),
         *(
             Field(
                 f"asymmetry_{k}",
                 quantity(2e-9 * 80.0 ** (1 - k), f"m/V**{k}", positive=False, linear=True),
                 f"Coefficient of the voltage to the power {k} [m/V^{k}].",
             )
-            for k in range(2, made.asymmetry + 1)
+            for k in range(2, composition.asymmetry + 1)
         ),
-        *_creep_fields(made),
-        *_history_fields(made),
+        *_creep_fields(composition),
+        *_history_fields(composition),
     ]
 
 
-def mechanical_names(made: Composition) -> tuple[str, ...]:
+def mechanical_names(composition: Composition) -> tuple[str, ...]:
     """Names of the parameters of a stack's mechanics, without the mass that only friction feedback uses."""
-    return tuple(field.name for field in _dynamics_fields(made) if not field.declared.metadata["quantity"].optional)
+    return tuple(
+        field.name for field in _dynamics_fields(composition) if not field.declared.metadata["quantity"].optional
+    )
 
 
-def hysteretic_names(made: Composition) -> tuple[str, ...]:
+def hysteretic_names(composition: Composition) -> tuple[str, ...]:
     """Names of the parameters of a stack's hysteresis."""
-    return tuple(field.name for field in _hysteresis_fields(made))
+    return tuple(field.name for field in _hysteresis_fields(composition))
 
 
-def _dynamics_fields(made: Composition) -> list[Field]:
+def _dynamics_fields(composition: Composition) -> list[Field]:
     mass = Field(
         "mass",
         quantity(0.56, "kg", optional=True),
         "Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it.",
     )
-    if made.dynamics == "first-order":
+    if composition.dynamics == "first-order":
         return [Field("time_constant", quantity(1e-3, "s"), "Time constant tau with which the platform follows [s].")]
-    if made.dynamics == "second-order":
+    if composition.dynamics == "second-order":
         return [
             Field("natural_frequency", quantity(6736.0, "rad/s"), "Undamped natural frequency w [rad/s]."),
             Field("damping_ratio", quantity(0.1772, ""), "Damping ratio xi [1], any above 0."),
             mass,
         ]
-    if made.dynamics == "rod":
+    if composition.dynamics == "rod":
         return [
             Field("modulus", quantity(1.8967e10, "Pa"), "Young's modulus E [Pa]."),
             Field("viscosity", quantity(1.2106e6, "Pa*s"), "Viscosity eta [Pa s] of the Kelvin-Voigt material (4.4)."),
@@ -151,9 +153,9 @@ def _dynamics_fields(made: Composition) -> list[Field]:
     return []
 
 
-def _hysteresis_fields(made: Composition) -> list[Field]:
-    weight = quantity(0.2e-7 / max(made.elements, 1), "m/V", positive=False, low=0.0, linear=True)
-    if made.hysteresis == "bouc-wen":
+def _hysteresis_fields(composition: Composition) -> list[Field]:
+    weight = quantity(0.2e-7 / max(composition.elements, 1), "m/V", positive=False, low=0.0, linear=True)
+    if composition.hysteresis == "bouc-wen":
         return [
             Field("hysteresis", weight, "Displacement per volt that is missing right after a turn [m/V]."),
             Field("beta", quantity(0.03, "1/V"), "Rate b with which h forgets along the path [1/V]."),
@@ -163,47 +165,49 @@ def _hysteresis_fields(made: Composition) -> list[Field]:
                 "Difference g of that rate between loading and unloading, halved [1/V]; from -beta to beta.",
             ),
         ]
-    if not made.has_elements:
+    if not composition.has_elements:
         return []
-    word, what = ("play", "adds once it moves") if made.hysteresis == "play" else ("stop", "holds back until it slips")
+    word, what = (
+        ("play", "adds once it moves") if composition.hysteresis == "play" else ("stop", "holds back until it slips")
+    )
     return [
         *(
             Field(f"{word}_{j}", weight, f"Displacement per volt that element {j} {what} [m/V].")
-            for j in range(1, made.elements + 1)
+            for j in range(1, composition.elements + 1)
         ),
         Field(
             f"{word}_range",
             quantity(30.0, "V"),
-            f"Threshold of the last element [V]; element j has j/{made.elements} of it.",
+            f"Threshold of the last element [V]; element j has j/{composition.elements} of it.",
         ),
     ]
 
 
-def _creep_fields(made: Composition) -> list[Field]:
-    if not made.creep:
+def _creep_fields(composition: Composition) -> list[Field]:
+    if not composition.creep:
         return []
     weight = quantity(1.5e-9, "m/V", positive=False, low=0.0, linear=True)
     shares = [
         Field(f"creep_{j}", weight, f"Displacement per volt that element {j} of creep adds in the end [m/V].")
-        for j in range(1, made.creep + 1)
+        for j in range(1, composition.creep + 1)
     ]
     time = quantity(0.05, "s")
     return [*shares, Field("creep_time", time, "Time of the fastest element [s]; each other is ten times as slow.")]
 
 
-def _history_fields(made: Composition) -> list[Field]:
+def _history_fields(composition: Composition) -> list[Field]:
     volts = quantity(0.0, "V", positive=False, optional=True)
     left = quantity(0.0, "m", positive=False, optional=True, linear=True)
     return [
         Field("initial_voltage", volts, "Voltage at which the stack had long rested before t = 0 [V]."),
         *(
             [Field("initial_peak", volts, "Voltage to which it had been driven before that rest, from 0 V [V].")]
-            if made.hysteresis != "none"
+            if composition.hysteresis != "none"
             else []
         ),
         *(
             Field(f"initial_creep_{j}", left, f"What element {j} of creep is ahead of that rest at t = 0 [m].")
-            for j in range(1, made.creep + 1)
+            for j in range(1, composition.creep + 1)
         ),
     ]
 
@@ -224,50 +228,54 @@ converter take over the gain, 0.067 of 0.1 um/V within two counts of 12 bits.  A
 
 
 def composed_guess(
-    made: Composition, nominal: Mapping[str, float], shown: Shown, known: Mapping[str, float], guess: dict[str, float]
+    composition: Composition,
+    nominal: Mapping[str, float],
+    shown: Shown,
+    known: Mapping[str, float],
+    guess: dict[str, float],
 ) -> dict[str, float]:
-    """`guess`, what records show of any stack, with what follows for one that is `made` so; numbers by name.
+    """`guess`, what records show of any stack, with what follows for one of this `composition`; numbers by name.
 
     **Arguments:** `nominal` numbers of its parameters; what its records have `shown`; `known` numbers are given.
     """
     guess = dict(guess)
     swing = shown.swing or USUAL_SWING
     gain = known.get("gain", guess.get("gain", nominal["gain"]))
-    if made.hysteresis in ("play", "bouc-wen"):
+    if composition.hysteresis in ("play", "bouc-wen"):
         # The records show what follows in the end.
         guess["gain"] = (1.0 - _SHARE) * gain
-    if made.has_elements:
-        word = "play" if made.hysteresis == "play" else "stop"
+    if composition.has_elements:
+        word = "play" if composition.hysteresis == "play" else "stop"
         guess |= {f"{word}_range": nominal[f"{word}_range"] * swing / USUAL_SWING}
-        guess |= {f"{word}_{j}": _SHARE * gain / made.elements for j in range(1, made.elements + 1)}
+        guess |= {f"{word}_{j}": _SHARE * gain / composition.elements for j in range(1, composition.elements + 1)}
         guess["initial_peak"] = _PASSED * known.get(f"{word}_range", guess[f"{word}_range"])
-    if made.hysteresis == "bouc-wen":
+    if composition.hysteresis == "bouc-wen":
         beta = known.get("beta", nominal["beta"] * USUAL_SWING / swing)
         guess |= {"hysteresis": _SHARE * gain, "beta": beta, "gamma": beta / 3.0, "initial_peak": 0.5 * swing}
-    guess |= {f"asymmetry_{k}": 0.01 * gain / swing ** (k - 1) for k in range(2, made.asymmetry + 1)}
-    guess |= {f"initial_creep_{j}": 0.01 * gain * swing for j in range(1, made.creep + 1)}
-    guess |= {f"creep_{j}": 0.01 * gain for j in range(1, made.creep + 1)}
-    if made.creep and shown.duration:
-        guess["creep_time"] = 10.0 * shown.duration / 10.0**made.creep
+    guess |= {f"asymmetry_{k}": 0.01 * gain / swing ** (k - 1) for k in range(2, composition.asymmetry + 1)}
+    guess |= {f"initial_creep_{j}": 0.01 * gain * swing for j in range(1, composition.creep + 1)}
+    guess |= {f"creep_{j}": 0.01 * gain for j in range(1, composition.creep + 1)}
+    if composition.creep and shown.duration:
+        guess["creep_time"] = 10.0 * shown.duration / 10.0**composition.creep
     if shown.interval and "time_constant" in nominal:
         guess["time_constant"] = 2.0 * shown.interval
     return guess
 
 
-def told_by_records(made: Composition, shown: Shown) -> dict[str, DeterminableRange]:
+def determinable_ranges_of(composition: Composition, shown: Shown) -> dict[str, DeterminableRange]:
     """Ranges in which records can determine the fastest element of creep, and the thresholds of hysteresis."""
     found = {}
-    if made.creep and shown.interval and shown.duration:
+    if composition.creep and shown.interval and shown.duration:
         low = _FEW * shown.interval
-        high = max(_LONG * shown.duration / 10.0 ** (made.creep - 1), _LONG * low)
-        slowest = "" if made.creep == 1 else f" for element {made.creep}, the slowest"
+        high = max(_LONG * shown.duration / 10.0 ** (composition.creep - 1), _LONG * low)
+        slowest = "" if composition.creep == 1 else f" for element {composition.creep}, the slowest"
         found["creep_time"] = DeterminableRange(
             low, high, f"{_FEW:g} sample intervals", f"{_LONG:g} times the length of the longest record{slowest}"
         )
-    if made.has_elements and shown.swing:
-        found[f"{'play' if made.hysteresis == 'play' else 'stop'}_range"] = DeterminableRange(
+    if composition.has_elements and shown.swing:
+        found[f"{'play' if composition.hysteresis == 'play' else 'stop'}_range"] = DeterminableRange(
             _NARROW * shown.swing,
-            made.elements * shown.swing,
+            composition.elements * shown.swing,
             f"{100.0 * _NARROW:g} % of the swing of the voltage",
             "so much that the first element alone slips",
         )
@@ -277,28 +285,30 @@ def told_by_records(made: Composition, shown: Shown) -> dict[str, DeterminableRa
 Samples = Float[np.ndarray, " n"]
 
 
-def loop_numbers(made: Composition) -> tuple[str, ...] | None:
+def loop_numbers(composition: Composition) -> tuple[str, ...] | None:
     """Names of the thresholds and times that the columns of `loop_columns` depend on; None of a stack without columns.
 
     None of one that lags, either: the columns have no lag, and what it opens of a loop would pass for quick creep.
     """
-    straight = made.hysteresis == "none" and made.asymmetry < 2 and not made.creep
-    if straight or made.hysteresis not in ("none", "play") or made.dynamics == "first-order":
+    straight = composition.hysteresis == "none" and composition.asymmetry < 2 and not composition.creep
+    if straight or composition.hysteresis not in ("none", "play") or composition.dynamics == "first-order":
         return None
-    return ("play_range",) * (made.hysteresis == "play") + ("creep_time",) * (made.creep > 0)
+    return ("play_range",) * (composition.hysteresis == "play") + ("creep_time",) * (composition.creep > 0)
 
 
-def loop_columns(made: Composition, time: Samples, volts: Samples, numbers: Mapping[str, float]) -> dict[str, Samples]:
+def loop_columns(
+    composition: Composition, time: Samples, volts: Samples, numbers: Mapping[str, float]
+) -> dict[str, Samples]:
     """The motion [m] at `time` [s] per unit of each linear parameter under `volts` [V], from rest at 0 V.
 
     **Arguments:** the thresholds [V] and times [s] that `loop_numbers` names.
     """
-    columns = {"gain": volts} | {f"asymmetry_{k}": volts**k for k in range(2, made.asymmetry + 1)}
-    if made.hysteresis == "play":
-        thresholds = numbers["play_range"] * np.arange(1, made.elements + 1) / made.elements
+    columns = {"gain": volts} | {f"asymmetry_{k}": volts**k for k in range(2, composition.asymmetry + 1)}
+    if composition.hysteresis == "play":
+        thresholds = numbers["play_range"] * np.arange(1, composition.elements + 1) / composition.elements
         played = _play(volts, thresholds)
-        columns |= {f"play_{j + 1}": played[:, j] for j in range(made.elements)}
-    times = [numbers["creep_time"] * 10.0**j for j in range(made.creep)]
+        columns |= {f"play_{j + 1}": played[:, j] for j in range(composition.elements)}
+    times = [numbers["creep_time"] * 10.0**j for j in range(composition.creep)]
     return columns | {f"creep_{j}": _creep_response(time, volts, lasts) for j, lasts in enumerate(times, start=1)}
 
 

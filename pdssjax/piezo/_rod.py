@@ -208,7 +208,7 @@ def truncation_error(
 
     **Raises:** `InputError` if `kept` is negative or not below `among`.
     """
-    return mode_responses(_left_out(rod, kept, among), voltage, times).sum(axis=0)
+    return mode_responses(_dropped_modes(rod, kept, among), voltage, times).sum(axis=0)
 
 
 def truncation_transfer(
@@ -218,7 +218,7 @@ def truncation_transfer(
 
     **Raises:** as `truncation_error`.
     """
-    left = _left_out(rod, kept, among)
+    left = _dropped_modes(rod, kept, among)
     turn = jnp.asarray(frequency) / left.natural_frequency[:, None]
     return (left.gain[:, None] / (1.0 - turn**2 + 2j * left.damping_ratio[:, None] * turn)).sum(axis=0)
 
@@ -249,7 +249,7 @@ def modes_needed(
     return needed
 
 
-def _left_out(rod: Rod, kept: int, among: int) -> Modes:
+def _dropped_modes(rod: Rod, kept: int, among: int) -> Modes:
     if not 0 <= kept < among:
         raise InputError(f"Expected a number of kept modes from 0 to {among - 1}, but got {kept}.")
     return jax.tree.map(lambda array: array[kept:], modes(rod, among))

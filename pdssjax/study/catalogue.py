@@ -62,8 +62,8 @@ def _field_docs(model: type) -> dict[str, str]:
     """The docstring below each field of a class and of those it inherits from."""
     docs: dict[str, str] = {}
     for base in reversed(model.__mro__):
-        docs |= vars(base).get("told", {})  # of a class that is put together, and has no source
-        if "told" not in vars(base) and base.__module__.startswith("pdssjax."):
+        docs |= vars(base).get("meanings", {})  # of a class that is put together, and has no source
+        if "meanings" not in vars(base) and base.__module__.startswith("pdssjax."):
             body = _class_bodies(base.__module__)[base.__name__]
             for field, below in itertools.pairwise(body):
                 if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):

@@ -218,7 +218,7 @@ def test_a_steep_flank_of_a_bent_curve_moves_a_stack_as_scipy_has_it(name):
     """The steady answer to it, a polynomial, is up to a billion times the stroke, and the transient takes it back."""
     numbers, fall = STEEP[name]
     stack = stack_class(name)(**numbers)
-    curve = [0.0, stack.gain, *(getattr(stack, f"asymmetry_{k}") for k in range(2, stack.made.asymmetry + 1))]
+    curve = [0.0, stack.gain, *(getattr(stack, f"asymmetry_{k}") for k in range(2, stack.composition.asymmetry + 1))]
     corners = [(0.0, 0.0), (0.1, 60.0), (0.1 + fall, 0.0), (0.15, 60.0 * (0.05 - fall) / (0.1 - fall))]
 
     def field(t, x):
@@ -267,7 +267,7 @@ def test_a_name_says_it_all_also_to_another_process():
         assert composition_of(name).text == name
         assert member_name(model) == f"composed:{name}"
         assert pickle.loads(pickle.dumps(model)) is model is stack_class(name)
-    assert member("piezo", "composed").made == Composition()
+    assert member("piezo", "composed").composition == Composition()
 
 
 @pytest.mark.parametrize(
