@@ -51,7 +51,7 @@ def _sweep(options: argparse.Namespace) -> int:
     from ..sweeps import driven_record, with_bands
 
     whole = study_of(options)
-    study = whole.as_in(driven_record(whole, options.record))
+    study = whole.for_record(driven_record(whole, options.record))
     if options.border is not None:
         return _sweep_border(study, _texts(study, options), options)
     points, errors = _points(study, options), ""
@@ -176,7 +176,7 @@ def _about_the_estimate(
     if options.estimate is None:
         raise InputError("option --bands: found no --estimate, expected the estimate.json that says what is known.")
     base, kept = driven_record(study, options.record), options.bands in ("bootstrap", "posterior")
-    here = study.as_in(base)
+    here = study.for_record(base)
     legal, values = sweepable(here, base), here.values()
     if kept:
         (names, told), errors = read_draws(options.estimate, options.bands), options.bands

@@ -30,7 +30,7 @@ from ..study import (
     Values,
     cycles_a_second,
     drive_with,
-    under_conditions,
+    paths_in,
     with_room,
 )
 from .settings import Settings, study_at
@@ -242,7 +242,7 @@ class LiveRecord:
 
     def _run_of(self, record: Record, values: Values) -> tuple[Run, dict[str, Float[np.ndarray, ""]]]:
         """The run of the record, and the numbers of the parameters that hold in it."""
-        numbers = {path: float(n) for path, n in _here(record, values).items()}
+        numbers = {base: float(values[path]) for base, path in paths_in(values, record.conditions).items()}
         drive = None if record.drive is None else drive_with(record, numbers)
         motion = None if record.motion is None else jnp.asarray(record.motion)
         run = Run(_as_arrays(drive), jnp.asarray(record.time), motion)
@@ -258,12 +258,6 @@ class LiveRecord:
         room = _Room(min(most.max_steps, _power_of_two(max(_FEWEST, known + 1, _SPARE * steps))), segments)
         self._rooms = sorted({*self._rooms, room})
         return room
-
-
-def _here(record: Record, values: Values) -> Values:
-    if not any("@" in path for path in values):
-        return values
-    return under_conditions(values, dict.fromkeys(record.conditions, True))
 
 
 def _as_arrays(tree: Tree) -> Tree:

@@ -176,7 +176,7 @@ class PointSimulation:
 
     def __init__(self, study: Study, record: str | None):
         self.record = driven_record(study, record)
-        self.study = study.as_in(self.record)
+        self.study = study.for_record(self.record)
         self._live: LiveRecord | None = None
 
     def motion(self, numbers: Mapping[str, float]) -> PointMotion:

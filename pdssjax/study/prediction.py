@@ -7,7 +7,7 @@ function, so that the compiler sees their integration once.
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -28,44 +28,11 @@ from ..simulation import (
 )
 from .models import Models, Values
 from .parameter import under_conditions
+from .record import Record
 from .setups import AbstractSetup, Run, with_room
 
 S = TypeVar("S", bound=eqx.Module)
 """How a record is made, without the numbers of the rig: `pdssjax.study.AbstractSetup`."""
-
-
-class RecordedRun(Protocol):
-    """The attributes of a record by which it is grouped with others of its shape."""
-
-    @property
-    def drive(self) -> AbstractDrive | None:
-        """The voltage from t = 0 on; None where a motion is prescribed."""
-        ...
-
-    @property
-    def time(self) -> Float[np.ndarray, " samples"]:
-        """Sample times [s], strictly increasing."""
-        ...
-
-    @property
-    def motion(self) -> Float[np.ndarray, " samples"] | None:
-        """The relative displacement prescribed [m]; None where it is free."""
-        ...
-
-    @property
-    def overrides(self) -> frozenset[str]:
-        """The drive's fields that the record itself sets."""
-        ...
-
-    @property
-    def conditions(self) -> frozenset[str]:
-        """Under which it was made."""
-        ...
-
-    @property
-    def role(self) -> str:
-        """ "fit" where derivatives of it will be asked for."""
-        ...
 
 
 _PARTS = 8
@@ -97,7 +64,7 @@ class RecordGroup(eqx.Module, Generic[S]):
 
 
 def record_groups(
-    records: Sequence[RecordedRun], setups: Sequence[S], segments: Sequence[int]
+    records: Sequence[Record], setups: Sequence[S], segments: Sequence[int]
 ) -> tuple[RecordGroup[S], ...]:
     """All records, in as few groups as there are shapes.
 
@@ -116,7 +83,7 @@ def record_groups(
 
 
 def _group(
-    records: Sequence[RecordedRun], setups: Sequence[S], segments: Sequence[int], places: Sequence[int]
+    records: Sequence[Record], setups: Sequence[S], segments: Sequence[int], places: Sequence[int]
 ) -> RecordGroup[S]:
     longest = max(record.time.size for record in records)
     fitted = [record.time.size for record in records if record.role == "fit"]
@@ -151,23 +118,6 @@ Ask: TypeAlias = Callable[..., Any]
 """A question about the system of a record: (`SystemOf`, parameters by path, times, and what `sensor_samples` takes)."""
 
 
-class HasSetup(Protocol):
-    """A measurement that makes setups, such as `pdssjax.study.AbstractMeasurement`."""
-
-    def setup(self, models: Models) -> AbstractSetup:
-        """How a record of it is predicted."""
-        ...
-
-
-class PredictedRecord(RecordedRun, Protocol):
-    """A record with a measurement, such as `pdssjax.study.Record`."""
-
-    @property
-    def measurement(self) -> HasSetup:
-        """The measurement of the record."""
-        ...
-
-
 class Predictor(eqx.Module):
     """Sample values of every record as a function of the parameters."""
 
@@ -176,7 +126,7 @@ class Predictor(eqx.Module):
     samples: tuple[int, ...] = eqx.field(static=True)
     """How many each record has."""
 
-    def __init__(self, models: Models, records: Sequence[PredictedRecord]):
+    def __init__(self, models: Models, records: Sequence[Record]):
         self.models = models
         self.samples = tuple(record.time.size for record in records)
         setups = [record.measurement.setup(models) for record in records]

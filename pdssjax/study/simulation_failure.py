@@ -8,14 +8,12 @@ import numpy as np
 from ..core import Quantity, display_unit
 from ..integration import FAILURES, Accuracy
 from .models import Values
+from .parameter_use import ELECTRONICS
 from .prediction import Predictor, failures, predicted
 from .record import Record
 
 FACTORS = (0.3, 3.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1000.0)
 """Factors by which a parameter is changed to see whether it is the cause, the least change first."""
-
-ELECTRONICS = ("amplifier", "sensor")
-"""Parts of the rig whose parameters are changed first."""
 
 
 def failure_cause(predictor: Predictor, records: Sequence[Record], values: Values, accuracy: Accuracy) -> str:

@@ -115,7 +115,13 @@ class Study:
 
     def legal(self) -> dict[str, Quantity]:
         """The declared quantities of every parameter that the study may list, by path."""
-        return legal_quantities(self)
+        legal = self.models.declared()
+        # Also those of waveforms that no record uses: to list them does nothing, and no harm.
+        for drive in members("drive"):
+            # But the frequency: how many cycles a record holds is known before a fit.
+            numbers = quantities(member("drive", drive))
+            legal |= {f"drive.{f}": q for f, q in numbers.items() if f != "frequency"}
+        return legal | {path: legal[split_path(path)[0]] for path in self.parameters}
 
     def values(self, but: Collection[str] = ()) -> dict[str, float]:
         """The number [SI] of every listed parameter `but` those: its value or its start.
@@ -152,7 +158,7 @@ class Study:
         and no record depends on, unless it comes with an estimate; and for a number outside its legal range.
         """
         source = source or ("estimate" if isinstance(values, Estimate) else "given")
-        legal = legal_quantities(self)
+        legal = self.legal()
         parameters = dict(self.parameters)
         for path, number in self._numbers(values, of_estimate).items():
             parameters[path] = Parameter(path, legal[path].unit, legal[path], value=float(number), source=source)
@@ -171,7 +177,7 @@ class Study:
             self.models.check_same(values.actuator, "values")
             values = {path: parameter.value for path, parameter in values.parameters.items()}
         check_kind("values", values, Mapping)
-        legal = legal_quantities(self)
+        legal = self.legal()
         for path in values:
             if path not in legal:
                 raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')
@@ -209,7 +215,7 @@ class Study:
                 parameters[path] = parameters[path].with_start(start, source)
         return dataclasses.replace(self, parameters=parameters)
 
-    def as_in(self, record: Record) -> "Study":
+    def for_record(self, record: Record) -> "Study":
         """The study with those parameters that hold in a `record`, by paths without a condition, and no others."""
         held = {}
         for base, path in paths_in(self.parameters, record.conditions).items():
@@ -245,17 +251,6 @@ class Study:
     def _predictors(self) -> dict[frozenset[str], Predictor]:
         """The predictors made so far, by the parts of the rig."""
         return {}
-
-
-def legal_quantities(study: Study) -> dict[str, Quantity]:
-    """All parameters that the study may list, by path."""
-    legal = study.models.declared()
-    # Also those of waveforms that no record uses: to list them does nothing, and no harm.
-    for drive in members("drive"):
-        # But the frequency: how many cycles a record holds is known before a fit.
-        numbers = quantities(member("drive", drive))
-        legal |= {f"drive.{f}": q for f, q in numbers.items() if f != "frequency"}
-    return legal | {path: legal[split_path(path)[0]] for path in study.parameters}
 
 
 class UsedNumber(TypedDict):

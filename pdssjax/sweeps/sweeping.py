@@ -78,7 +78,7 @@ def plan_sweep(
     if drive_of(base).flanks() is None:
         lacks = "a cycle without a slow and a fast flank, which has no stroke, back-slip and efficiency: they are NaN"
         warnings.warn(f'sweep: found the drive {drive_of(base)} in "{base.name}", {lacks}.', InputWarning, 3)
-    study = study.as_in(base)
+    study = study.for_record(base)
     check_memory(len(points), len(points.paths), len(cycle.metrics) + len(metrics))
     values = points.values()
     declared = check_axes(study, base, points.paths, values)

@@ -73,7 +73,7 @@ def test_bands_and_derivatives_are_by_what_holds_there(written, estimate, tmp_pa
     study, points, options = caught.value.args
     plan_sweep(study, points, **{name: options[name] for name in ("record", "cycles", "metrics", "derivatives")})
     if option == "--derivatives":
-        assert set(options["derivatives"]) == set(study.as_in(study.records[1]).parameters)
+        assert set(options["derivatives"]) == set(study.for_record(study.records[1]).parameters)
         return
     assert set(points.paths) == {"drive.voltage", "drive.frequency", "piezo.gain", "drive.fall_time"}
     falls = points.values()[:, points.paths.index("drive.fall_time")]
