@@ -2,14 +2,13 @@
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core import InputError, split_text
-from .console import say
+from .console import note, say
 from .option_values import number_or_text, read_number, read_pairs
 
 if TYPE_CHECKING:
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
 
 QUANTITIES = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s", "force": "N"}
 """What a channel may be, and its unit."""
-
-QUANTITIES_NAMED = "time, voltage, displacement, velocity or force"
 
 MEASURED = ("platform", "effector")
 """What a record of a new study may measure."""
@@ -67,23 +64,30 @@ def new(options: argparse.Namespace) -> int:
                 records.append(guess_file(file, hints, told, measures.get(file, "")))
         except InputError as error:
             # All questions at once.
-            print(f"pdssjax: error: {error}", file=sys.stderr)
+            note(f"error: {error}")
             status = 2
     if status:
         return status
     if contacts:
-        return _of_contacts(options, contacts, records)
+        return _study_of_contacts(options, contacts, records)
     prepare_jax(dedicated=True)
     path = write_study(records, told, options.folder, options.title or options.folder.resolve().name)
     say(format_guesses([(record.name, record.guess) for record in records]), end="")
     _warn(records, told)
     load_study(path)
-    say(f"Look at {options.folder / 'check'}, edit {path} where a guess is wrong, then run:")
-    say(f"pdssjax identify {path} --out {options.folder / 'out'}")
+    return _say_next(options.folder, path)
+
+
+def _say_next(folder: Path, study: Path) -> int:
+    """Say what to do with a study that was made; the exit status."""
+    say(f"Look at {folder / 'check'}, edit {study} where a guess is wrong, then run:")
+    say(f"pdssjax identify {study} --out {folder / 'out'}")
     return 0
 
 
-def _of_contacts(options: argparse.Namespace, files: "Sequence[FrictionFile]", others: "Sequence[NewRecord]") -> int:
+def _study_of_contacts(
+    options: argparse.Namespace, files: "Sequence[FrictionFile]", others: "Sequence[NewRecord]"
+) -> int:
     """Make a study of friction records of a contact alone, as a tribometer writes them; `others` must be empty."""
     from ..core import prepare_jax
     from ..files import load_study, write_friction_study
@@ -103,9 +107,7 @@ def _of_contacts(options: argparse.Namespace, files: "Sequence[FrictionFile]", o
             f"{file.roles.file}: a contact alone, its force against a {file.quantity}, "
             f"{file.force.size} samples{turned}"
         )
-    say(f"Look at {options.folder / 'check'}, edit {path} where a guess is wrong, then run:")
-    say(f"pdssjax identify {path} --out {options.folder / 'out'}")
-    return 0
+    return _say_next(options.folder, path)
 
 
 def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
@@ -141,7 +143,7 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
                 f"{file}: found {1e9 * gain:.3g} nm/V, less than a stack moves: is the displacement's unit right?"
             )
     for line in said:
-        print(f"pdssjax: warning: {line}", file=sys.stderr)
+        note(f"warning: {line}")
 
 
 def _implausible(guess: "RecordGuess") -> list[str]:
@@ -255,7 +257,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         text = f"channel of the {quantity}, by name or number; left out: told by unit [{unit}], name or shape"
         text += '; "none" where none was recorded' if quantity == "voltage" else ""
         parser.add_argument(f"--{quantity}", metavar="COL", help=text)
-    text = f"unit of {QUANTITIES_NAMED}, where the file does not tell it; repeatable"
+    text = "unit of time, voltage, displacement, velocity or force, where the file does not tell it; repeatable"
     parser.add_argument("--unit", action="append", default=[], metavar="QUANTITY=UNIT", help=text)
     text = 'factor of voltage, displacement, velocity or force, such as "displacement=0.5 um/V"; repeatable'
     parser.add_argument("--scale", action="append", default=[], metavar="QUANTITY=FACTOR", help=text)

@@ -133,13 +133,12 @@ def parameter_knobs(study: Study) -> list[Knob]:
 
     **Raises:** `InputError` that names the parameters without a number.
     """
-    return [_of_parameter(study, path, number) for path, number in study.values().items()]
-
-
-def _of_parameter(study: Study, path: str, number: float) -> Knob:
-    parameter = study.parameters[path]
-    found = slider_range(parameter.quantity, number, parameter.low, parameter.high)
-    return Knob(path, parameter.quantity, found, parameter.free, True)
+    knobs = []
+    for path, number in study.values().items():
+        parameter = study.parameters[path]
+        ends = slider_range(parameter.quantity, number, parameter.low, parameter.high)
+        knobs.append(Knob(path, parameter.quantity, ends, parameter.free, True))
+    return knobs
 
 
 def drive_knobs(study: Study, record: Record) -> list[Knob]:
@@ -190,10 +189,6 @@ class Settings:
     """Values of the study's parameters, by path."""
     drives: Mapping[str, Mapping[str, float]]
     """Parameters of each record's drive, by the record's name and then by path, such as "drive.voltage"."""
-
-    def with_value(self, path: str, number: float) -> "Settings":
-        """The settings with another number [SI] of a parameter."""
-        return dataclasses.replace(self, values={**self.values, path: number})
 
     def with_values(self, values: Mapping[str, float]) -> "Settings":
         """The settings with other numbers [SI] of some parameters; unknown paths are ignored."""
