@@ -18,7 +18,7 @@ QUIET_S = 2.0
 
 
 def announce_warnings(show: Callable[..., None]) -> Callable[..., None]:
-    """In place of `warnings.showwarning`: plain lines for the user's own warnings, `show` for others."""
+    """A substitute for `warnings.showwarning`: plain lines for the user's own warnings, `show` for others."""
 
     def announce(message: Warning | str, category: type[Warning], *where: object) -> None:
         if issubclass(category, InputWarning):

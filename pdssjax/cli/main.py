@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.command_line = shlex.join(["pdssjax", *given])
             return options.run(options)
         except (InputError, MiscompilationError, OSError) as error:
-            note(f"error: {_cut(str(error))}")
+            note(f"error: {_shorten(str(error))}")
             return 2
         except KeyboardInterrupt:
             note("interrupted")
@@ -146,7 +146,7 @@ def _check_values(given: Sequence[str]) -> None:
             raise InputError(f'option {name}: found "--", expected a value.')
 
 
-def _cut(message: str) -> str:
+def _shorten(message: str) -> str:
     """Shorten a `message` that is longer than any name of a file or a column, in its middle."""
     return message if len(message) <= _LONGEST else f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
 

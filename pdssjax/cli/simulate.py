@@ -27,7 +27,7 @@ def simulate(options: argparse.Namespace) -> int:
     used = numbers_used(study)
     with progress() as tell:
         tell("simulating")
-        records = [_compared(*pair) for pair in zip(study.records, study.predict(), strict=True)]
+        records = [_compare_record(*pair) for pair in zip(study.records, study.predict(), strict=True)]
         cause = ""
         if not all(record.simulated for record in records):
             tell("looking for the parameter to blame")
@@ -43,7 +43,7 @@ def simulate(options: argparse.Namespace) -> int:
     return status or (0 if any(record.simulated for record in records) else NOTHING_FOUND)
 
 
-def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
+def _compare_record(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
     """A record beside its simulation, which gets the record's own zero: given, or the best fit to the data."""
     import numpy as np
 

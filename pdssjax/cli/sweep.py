@@ -249,7 +249,7 @@ def _sweep_border(study: "Study", base: "Record", texts: Mapping[str, str], opti
     metric, level = _named_number("--border-at", options.border_at, "efficiency=0.01")
     if metric not in METRICS:
         raise InputError(f'option --border-at: found the unknown metric "{metric}"; {nearest(metric, METRICS)}')
-    ends, coarse = _along(path, texts, legal)
+    ends, coarse = _border_range(path, texts, legal)
     over = {other: read_axis(other, text, legal, words) for other, text in texts.items() if other != path}
     near = read_number(tolerance, unit_of(path, legal), "option --border", above=0.0)
     passed = read_number(level, METRICS[metric].unit.replace("1", ""), "option --border-at")
@@ -280,7 +280,9 @@ def _check_border_options(options: argparse.Namespace) -> None:
             raise InputError(f"option --border: found with --{name}, expected without: it is looked for by halving.")
 
 
-def _along(path: str, texts: Mapping[str, str], legal: "Mapping[str, Quantity]") -> tuple[tuple[float, float], int]:
+def _border_range(
+    path: str, texts: Mapping[str, str], legal: "Mapping[str, Quantity]"
+) -> tuple[tuple[float, float], int]:
     """The ends [SI] of the range of `path`, and how many values of it are looked at first."""
     if path not in texts:
         raise InputError(f'option --border: found no range for "{path}", expected one such as --vary "{path}=FROM:TO".')

@@ -199,7 +199,7 @@ def read_samples(
             _check_times(reader, file, clock.number, before, time, block.places)
             begin = float(time[0]) if done == 0 else begin
         done += len(block.places)
-        filled = _filled(time, before)
+        filled = _carry_forward(time, before)
         keep = (filled >= low) & (filled <= high) if window else slice(None)
         columns = [wanted.index(number) for number in numbers]
         kept.append((time[keep], block.values[keep][:, columns], block.places[keep]))
@@ -213,7 +213,7 @@ def read_samples(
     return Samples(time, values, places, begin, float(before))
 
 
-def _filled(time: Float[np.ndarray, " samples"], before: float) -> Float[np.ndarray, " samples"]:
+def _carry_forward(time: Float[np.ndarray, " samples"], before: float) -> Float[np.ndarray, " samples"]:
     """The times, where there is none with the last one there was."""
     known = np.isfinite(time)
     if known.all():

@@ -231,7 +231,7 @@ def interval_at(table: Table) -> tuple[float | None, float]:
 
 
 def _column_names(table: Table, si_units: Mapping[str, str]) -> dict[str, str | int]:
-    """By quantity, what its column is called."""
+    """The name of each quantity's column."""
     *_, explained = si_units
     empty: Document = {}
     alone = "channel" in table.entries

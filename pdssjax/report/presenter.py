@@ -107,7 +107,7 @@ def _table(align: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> st
 
 
 def paragraph(strong: str, text: str = "") -> str:
-    """One line, what matters most of it in bold."""
+    """A paragraph of one line, what matters most of it in bold."""
     return f"<p><strong>{html.escape(strong)}</strong> {html.escape(units(text))}".rstrip() + "</p>"
 
 

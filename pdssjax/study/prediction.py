@@ -136,7 +136,7 @@ class Predictor(eqx.Module):
             self.groups = record_groups(records, setups, segments)
 
     def until(self, ends: Float[np.ndarray, " records"]) -> "Predictor":
-        """The same, but that motions end at the times `ends` [s]: what later samples show is unknown.
+        """The predictor of motions that end at the times `ends` [s]: what later samples show is unknown.
 
         What is compiled is shared.
         """
@@ -152,7 +152,7 @@ class Predictor(eqx.Module):
     def __call__(
         self, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"] | None = None
     ) -> list[Float[Array, " samples"]]:
-        """One array a record, in the order of the records, without offsets, in its unit.
+        """Predict each record: an array of its samples, without its offset, in its unit.
 
         Those that are not `used` are not simulated, and zero; None for all.
         """
@@ -167,7 +167,7 @@ class Predictor(eqx.Module):
     ) -> Scratch:
         (count,) = {len(direction) for direction in directions.values()}
         shape = len(group.places), group.early, count
-        of_record, records = _asking(group, self.models, values, accuracy)
+        of_record, records = _per_record(group, self.models, values, accuracy)
         first = jax.tree.map(lambda a: a[0], records)
         return of_record(lambda system, values, times, how, *_: scratch(system(values), how, shape), *first)
 
@@ -180,9 +180,9 @@ class Predictor(eqx.Module):
         memory: Sequence[Scratch],
         used: Bool[Array | np.ndarray, " records"] | None = None,
     ) -> tuple[list[Float[Array, " samples"]], list[Scratch]]:
-        """As a call gives, and the `memory`: where `sloped` it holds the derivatives along the `directions` (`slopes`).
+        """Predict each record, and where `sloped` leave its derivatives along the `directions` in the `memory`.
 
-        Compiled it is one function for both.  Records that are not fitted have no derivatives.
+        `slopes` reads them.  Compiled it is one function for both.  Records that are not fitted have no derivatives.
         """
         groups = zip(self.groups, memory, strict=True)
         found = [self._linearised(group, values, directions, sloped, accuracy, of, used) for group, of in groups]
@@ -203,7 +203,7 @@ class Predictor(eqx.Module):
         used: Bool[Array | np.ndarray, " records"] | None,
     ) -> tuple[Float[Array, "records samples"], Scratch]:
         moving = {path: values[path] for path in directions}
-        of_record, records = _asking(group, self.models, values, accuracy)
+        of_record, records = _per_record(group, self.models, values, accuracy)
         which = _of_group(used, group)
         order = jnp.argsort(~which)  # those that are used come first
 
@@ -254,7 +254,7 @@ def _used_or_all(
 
 @kept_jit
 def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Count]:
-    """For each record an index into `pdssjax.integration.FAILURES`: why it cannot be predicted; 0 where it can."""
+    """Why each record cannot be predicted, as an index into `pdssjax.integration.FAILURES`; 0 where it can."""
     found = dict[int, Count]()
     for group, failed in zip(predictor.groups, _of_each_group(why_failed, predictor, values, accuracy), strict=True):
         found |= {place: failed[row] for row, place in enumerate(group.places)}
@@ -275,7 +275,7 @@ def _of_each_group(
     ask = lambda system, values, *how: function(system(values), *how)
 
     def of_group(group: RecordGroup[AbstractSetup]) -> Array:
-        of_record, records = _asking(group, predictor.models, values, accuracy)
+        of_record, records = _per_record(group, predictor.models, values, accuracy)
         if used is None:
             return lax.map(lambda record: of_record(ask, *record), records)
         nothing = jnp.zeros(group.runs.times.shape[1:])
@@ -295,7 +295,7 @@ def _of_group(
     return jnp.ones(places.shape, bool) if used is None else jnp.asarray(used)[places]
 
 
-def _asking(
+def _per_record(
     group: RecordGroup[AbstractSetup], models: Models, values: Values, accuracy: Accuracy
 ) -> tuple[Callable[..., Any], Tree]:
     """What asks one record of a group, (ask, *record) to the answer; and the records, stacked."""

@@ -104,9 +104,11 @@ class Study:
         it is known (under `jit`, `vmap` and derivatives it is not); and where listed parameters are
         left with neither value nor start; `initial_guess` finds those.  It is compiled once for all values.
         """
-        return predicted(*self._asked(values, accuracy))
+        return predicted(*self._check_request(values, accuracy))
 
-    def _asked(self, values: Values | Estimate | None, accuracy: Accuracy | None) -> tuple[Predictor, Values, Accuracy]:
+    def _check_request(
+        self, values: Values | Estimate | None, accuracy: Accuracy | None
+    ) -> tuple[Predictor, Values, Accuracy]:
         require_float64("predict")
         accuracy = accuracy or self.accuracy
         check_kind("accuracy", accuracy, Accuracy)
@@ -139,7 +141,7 @@ class Study:
 
     @property
     def bounded_parameters(self) -> dict[str, Parameter]:
-        """Its parameters, with bounds for free ones that a constraint ties to a fixed one."""
+        """The parameters, with bounds for free ones that a constraint ties to a fixed one."""
         return bounded_by_constraints(self.parameters, self.constraints, str(self.path or self.title))
 
     def missing(self) -> list[str]:
@@ -233,7 +235,7 @@ class Study:
         return Models(*chosen, parts_told_by(self.parameters), self.rests_under_load)
 
     def models_with(self, paths: Collection[str]) -> Models:
-        """The same with those parts of a rig that parameters of these `paths` tell: amplifier, low-pass."""
+        """The models with the parts of a rig that parameters of these `paths` tell: amplifier, low-pass."""
         return dataclasses.replace(self.models, parts=self.models.parts | parts_told_by(paths))
 
     @functools.cached_property
@@ -266,7 +268,7 @@ class UsedNumber(TypedDict):
 
 
 def numbers_used(study: Study, but: Collection[str] = ()) -> dict[str, UsedNumber]:
-    """By path, the number of every listed parameter `but` those.
+    """The number of every listed parameter by its path, `but` for some.
 
     **Raises:** `InputError` for parameters without a number.
     """

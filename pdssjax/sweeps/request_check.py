@@ -147,7 +147,7 @@ def contradictions(
     return np.array(broken)[which.ravel()]
 
 
-def check_asked(metrics: Sequence[str], cycle: AbstractCycle, known: Sequence[str]) -> None:
+def check_metrics(metrics: Sequence[str], cycle: AbstractCycle, known: Sequence[str]) -> None:
     """**Raises** `InputError` for further `metrics` that there are not, or that lack something.
 
     **Arguments:** `known` are the paths that have a number at every point.

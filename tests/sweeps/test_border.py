@@ -1,12 +1,12 @@
 """A border is found to its tolerance with few points."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 import xarray
 from quick_blocks import example_study
+from study_files import write_estimate
 
 import pdssjax
 from pdssjax import InputError, InputWarning
@@ -71,9 +71,7 @@ def test_what_has_no_border_is_refused_before_any_work(study, dead, change, esse
 @pytest.fixture
 def command(study, tmp_path):
     """`pdssjax sweep` of the example with its true values."""
-    estimate = tmp_path / "estimate.json"
-    known = {path: {"value": value} for path, value in study.values().items()}
-    estimate.write_text(json.dumps({"format": "pdssjax-estimate/1", "converged": True, "parameters": known}))
+    estimate = write_estimate(tmp_path, study.values())
     return ["sweep", str(EXAMPLE / "study.toml"), "--estimate", str(estimate), "--out", str(tmp_path / "out")]
 
 

@@ -368,25 +368,27 @@ def _more(estimate: Estimate) -> Iterator[Section]:
     if estimate.profiles:
         caption = "Chi-square minimised over all other parameters, beside the parabola of the linear model."
         figure = Illustration(figures.profile_figure(estimate.profiles, estimate.parameters), caption)
-        yield _tabled("Profiles of chi-square", format_profiles(estimate.profiles, estimate.parameters), figure)
+        yield _report_part("Profiles of chi-square", format_profiles(estimate.profiles, estimate.parameters), figure)
     if estimate.draws is not None:
         text = format_draws(estimate.draws, estimate.parameters)
         if estimate.draws.values.size:
             caption = "Draws beside the normal distribution of the linear model, and pairs beside its 95 % ellipse."
-            yield _tabled(estimate.draws.kind.capitalize(), text, Illustration(figures.draws_figure(estimate), caption))
+            yield _report_part(
+                estimate.draws.kind.capitalize(), text, Illustration(figures.draws_figure(estimate), caption)
+            )
         else:
-            yield _tabled(estimate.draws.kind.capitalize(), text)
+            yield _report_part(estimate.draws.kind.capitalize(), text)
     if estimate.multistart is not None:
         caption = "Chi-square where each start ended, sorted, and the parameters at the optima."
         figure = Illustration(figures.multistart_figure(estimate.multistart), caption)
-        yield _tabled("Other starts", format_multistart(estimate.multistart), figure)
+        yield _report_part("Other starts", format_multistart(estimate.multistart), figure)
     if estimate.method != "joint" and estimate.amplification is not None:
         caption = "What an error of 1 % of a parameter that is held does to those fitted after it."
         figure = Illustration(figures.amplification_figure(estimate.amplification), caption)
-        yield _tabled("Amplification of errors", format_amplification(estimate.amplification), figure)
+        yield _report_part("Amplification of errors", format_amplification(estimate.amplification), figure)
 
 
-def _tabled(heading: str, text: str, *drawings: Illustration) -> Section:
+def _report_part(heading: str, text: str, *drawings: Illustration) -> Section:
     """A part of the plain report without its heading."""
     lines = textwrap.dedent(text.partition("\n")[2]).strip("\n").splitlines()
     return Section(heading, lines=lines, figures=drawings)

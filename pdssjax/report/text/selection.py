@@ -47,8 +47,8 @@ def selection_sentences(found: Comparison) -> SelectionSentences:
         HEAD,
         list(map(_row, found.results)),
         _caption(found),
-        _lacks(found),
-        _would_tell(found),
+        _misfit_places(found),
+        _discriminating_record(found),
         _noise_lines(found),
         [f"{result.name}: {result.fitted.failure}" for result in found.results if result.fitted.failure],
     )
@@ -110,8 +110,8 @@ def _caption(found: Comparison) -> str:
     )
 
 
-def _lacks(found: Comparison) -> list[str]:
-    """For each model that is worse, where its residuals exceed those of the best one."""
+def _misfit_places(found: Comparison) -> list[str]:
+    """Where the residuals of each worse model exceed those of the best one."""
     records = {record.name: record for record in found.records}
     return [
         f"{result.name}: {_misfit(result.misfit, found.best, records[result.misfit.record])}"
@@ -135,7 +135,7 @@ def _misfit(misfit: Misfit, best: str, record: Record) -> str:
     )
 
 
-def _would_tell(found: Comparison) -> str:
+def _discriminating_record(found: Comparison) -> str:
     """Which record would tell models apart that these records do not; "" where there is nothing to tell."""
     if not found.ambiguous:
         return ""
