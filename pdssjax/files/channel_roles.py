@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ..core import InputError
 from ..metrics import detect_waveform
-from .channel_samples import Clock, find_channel, open_file, read_samples
+from .channel_samples import Clock, find_channel, name_or_number, open_file, read_samples
 from .readers.base import AbstractSource, Channel
 from .record_columns import Layout, scaled
 
@@ -221,9 +221,7 @@ class _RoleSearch:
     def choose(self, quantity: str, shaped: Callable[[Channel], bool]) -> None:
         """Choose the channel of a `quantity`, one that is `shaped` like it where no unit tells which."""
         if given := self.hints.columns.get(quantity):
-            self.chosen[quantity] = find_channel(
-                self.reader, self.file, self.channels, int(given) if given.isdecimal() else given
-            )
+            self.chosen[quantity] = find_channel(self.reader, self.file, self.channels, name_or_number(given))
             return
         left = [channel for channel in self.channels if channel not in self.chosen.values()]
         fitting = [channel for channel in left if self._may_be(channel, quantity)]

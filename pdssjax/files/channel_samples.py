@@ -145,6 +145,11 @@ def list_channels(file: Path, decimal: str = "") -> tuple[str, list[ChannelSumma
     return reader.kind.replace("-", " "), found
 
 
+def name_or_number(given: str) -> str | int:
+    """What an option says of a channel, as a number where it is one."""
+    return int(given) if given.isdecimal() else given
+
+
 def find_channel(reader: AbstractSource, file: Path, channels: Sequence[Channel], given: str | int) -> Channel:
     """The channel that is `given` by its name or its number.
 
@@ -176,7 +181,7 @@ def find_channel(reader: AbstractSource, file: Path, channels: Sequence[Channel]
 
 
 def read_samples(
-    reader: AbstractSource, file: Path, numbers: Sequence[int], clock: Clock, window: tuple[float, float] | None = None
+    reader: AbstractSource, file: Path, numbers: Sequence[int], clock: Clock, window: tuple[float, float] | None
 ) -> Samples:
     """Samples of the channels with these `numbers`, those within the `window` [s] where one is given.
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..core import InputError, display_unit
 from ..metrics import SI_UNITS, Characterisation, characterisation_of
-from .channel_samples import list_channels, open_file
+from .channel_samples import list_channels, name_or_number, open_file
 from .json_text import json_text
 from .readers.base import Channel
 from .record_columns import Layout, read_columns
@@ -66,7 +66,7 @@ def _choose(
     clock = _clock(file, named["time"], channels, decimal)
     for measures in SI_UNITS:
         if name := named[measures]:
-            return measures, {**clock, measures: _name_or_number(name)}
+            return measures, {**clock, measures: name_or_number(name)}
     others = [channel for channel in channels if channel.number not in clock.values()]
     for measures, unit in SI_UNITS.items():
         fitting = [channel for channel in others if channel.measures(unit)]
@@ -80,7 +80,7 @@ def _choose(
 def _clock(file: Path, named: str | None, channels: Sequence[Channel], decimal: str) -> dict[str, str | int]:
     """The column of the times; none where the file keeps a clock."""
     if named:
-        return {"time": _name_or_number(named)}
+        return {"time": name_or_number(named)}
     if any(channel.interval is not None for channel in channels):
         return {}
     fitting = [c for c in channels if c.name.rpartition("/")[2].lower().startswith(("time", "t_"))]
@@ -90,11 +90,6 @@ def _clock(file: Path, named: str | None, channels: Sequence[Channel], decimal: 
         found = {summary.number for summary in list_channels(file, decimal)[1] if summary.step and not summary.uneven}
         fitting = [channel for channel in channels if channel.number in found and not channel.unit]
     return {"time": _choose_one(file, fitting, "time", channels).number}
-
-
-def _name_or_number(name: str) -> str | int:
-    """A column's number where a name is one."""
-    return int(name) if name.isdecimal() else name
 
 
 def _choose_one(file: Path, fitting: Sequence[Channel], quantity: str, channels: Sequence[Channel]) -> Channel:
@@ -135,13 +130,8 @@ def _read(
             f"{window[1] if window else 0:g} s, "
             f"expected some of the record's {read.begin:g} s to {read.end:g} s."
         )
-    name = read.channels[measures].name
-    if np.all(values == values[0]):
-        raise InputError(
-            f'{file}: column "{name}": found the same {measures} in all {len(time)} samples, '
-            "expected a record that moves."
-        )
-    return time, values, name
+    read.check_moves(measures, values)
+    return time, values, read.channels[measures].name
 
 
 CHARACTERISATION_FORMAT = "pdssjax-characterisation/1"

@@ -37,11 +37,7 @@ def kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> dic
     check_increasing(file, clock, columns.data["time"], columns.places, columns.reader.place)
     data = _decimate(table, columns, whole[keep])
     for quantity in list(layout.si_units)[1:]:
-        if np.all(data[quantity] == data[quantity][0]):
-            raise InputError(
-                f'{file}: column "{columns.channels[quantity].name}": found the same {quantity} in all '
-                f"{data[quantity].size} samples, expected a record that moves."
-            )
+        columns.check_moves(quantity, data[quantity])
     return data
 
 
@@ -122,7 +118,7 @@ RECORD_KEYS = [
 """Keys of every record, whatever it measures."""
 
 
-def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = False, settles: bool = True) -> Record:
+def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, settles: bool = True) -> Record:
     """The record that a [[record]] `table` describes; its file is relative to `folder`.
 
     What its drive leaves out the study's `parameters` tell.  Of a `virtual` rig the record is still to be made: where

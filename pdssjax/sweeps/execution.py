@@ -150,9 +150,9 @@ def run_blocks(
     document: Document,
     plan: BlockPlan,
     numbers: Iterable[int],
-    executor: Executor | None = None,
-    workers: int | None = None,
-    in_flight: int | None = None,
+    executor: Executor | None,
+    workers: int | None,
+    in_flight: int | None,
 ) -> Generator[tuple[int, Callable[[], Block]], None, None]:
     """Compute the blocks `numbers` of the `plan`; yield each as it is done, with a call for its results.
 

@@ -168,7 +168,7 @@ def compute_block(
     function: PointFunction, points: Float[np.ndarray, "lanes paths"]
 ) -> Float[np.ndarray, "lanes columns"]:
     """Metrics and failure of each point of a block, one row a point."""
-    found = _rows(_side_by_side(function, _filled_up(points, whole_shares(len(points)))))[: len(points)]
+    found = np.column_stack(_results(_side_by_side, function, points, len(points)))
     left = np.flatnonzero(function.cycle.unfinished(found[:, :-1]))
     for few in _batches(left):
         found[few] = np.column_stack(_results(_one_by_one, function, points[few]))
@@ -197,9 +197,12 @@ def _results(
     compute: Callable[[PointFunction, Array], tuple[Array, Array]],
     function: PointFunction,
     points: Float[np.ndarray, "few paths"],
+    room: int = _FEW,
 ) -> tuple[Float[np.ndarray, "few columns"], Int[np.ndarray, " few"]]:
-    """Results of `compute` at the points of one call, and their failures."""
-    numbers, failure = compute(function, _filled_up(points, whole_shares(_FEW)))
+    """Results of `compute` at the points of one call, which has `room` for so many at least, and their failures."""
+    count = whole_shares(room)
+    # What there is room for besides is some of the points again.
+    numbers, failure = compute(function, jnp.asarray(np.resize(points, (count, points.shape[1]))))
     return np.asarray(numbers)[: len(points)], np.asarray(failure)[: len(points)]
 
 
@@ -207,11 +210,6 @@ def _batches(chosen: Int[np.ndarray, " chosen"]) -> Iterator[Int[np.ndarray, " f
     """The points that are computed in one call, call after call."""
     most = whole_shares(_FEW)
     return (chosen[begin : begin + most] for begin in range(0, len(chosen), most))
-
-
-def _filled_up(points: Float[np.ndarray, "some paths"], count: int) -> Float[Array, "count paths"]:
-    """`count` points: these, and some of them again."""
-    return jnp.asarray(np.resize(points, (count, points.shape[1])))
 
 
 def _last_of_its_kind(points: Float[np.ndarray, "lanes paths"]) -> int:
@@ -238,8 +236,3 @@ def _details(
     function: PointFunction, points: Float[Array, "few paths"]
 ) -> tuple[Float[Array, "few details"], Int[Array, " few"]]:
     return shared_out(lambda share: jax.lax.map(function.details, share), points)
-
-
-def _rows(found: tuple[Float[Array, "lanes metrics"], Int[Array, " lanes"]]) -> Float[np.ndarray, "lanes columns"]:
-    metrics, failure = found
-    return np.concatenate([np.asarray(metrics), np.asarray(failure, float)[:, None]], axis=1)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import xarray
-from quick_blocks import example_study
+from quick_blocks import study as study
 from study_files import write_estimate
 
 import pdssjax
@@ -18,11 +18,6 @@ from pdssjax.sweeps import execution, find_border
 FREQUENCIES = np.linspace(5.0, 50.0, 10)
 TRUTH = 12.0 + 0.7 * FREQUENCIES
 """The border [V] at each of them."""
-
-
-@pytest.fixture(scope="module")
-def study():
-    return example_study()
 
 
 @pytest.fixture

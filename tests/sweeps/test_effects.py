@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from quick_blocks import example_study
+from quick_blocks import study as study
 from study_files import write_estimate
 
 from pdssjax import InputError
@@ -10,11 +10,6 @@ from pdssjax.cli.main import main
 from pdssjax.files import EXAMPLE
 from pdssjax.sweeps import CovarianceDraws, Crossed, Grid, Sobol, changes_a_sweep, find_border, plan_sweep
 from pdssjax.sweeps.execution import job_document, point_function
-
-
-@pytest.fixture(scope="module")
-def study():
-    return example_study()
 
 
 @pytest.mark.parametrize(

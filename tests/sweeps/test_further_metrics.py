@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray
-from quick_blocks import example_study, found_at
+from quick_blocks import found_at, study as study
 from study_files import write_estimate
 
 import pdssjax
@@ -31,11 +31,6 @@ DRIVES = {"drive.voltage": [64.0, 120.0], "drive.frequency": [50.0, 150.0]}
 STOP = {"stop.stiffness": [1e5, 1e5]}
 BY = ("piezo.gain", "friction.f_ss_a", "drive.frequency")
 SMOOTH = ("net_step", "speed", "efficiency", "stroke", "back_slip")
-
-
-@pytest.fixture(scope="module")
-def study():
-    return example_study()
 
 
 @pytest.fixture(scope="module")

@@ -112,7 +112,7 @@ def encoding_of(file: Path, head: bytes) -> str:
     return "utf-8"
 
 
-def dialect_of(file: Path, head: bytes, decimal: str = "") -> Dialect:
+def dialect_of(file: Path, head: bytes, decimal: str) -> Dialect:
     """The dialect of a table that begins with `head`; `decimal` where it is known.
 
     **Raises:** `InputError` if there is no table of numbers.
