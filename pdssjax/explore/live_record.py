@@ -205,7 +205,7 @@ class LiveRecord:
         for room in self._rooms:
             if room.segments >= segments:
                 found = self._observed(record, values, instants, room)
-                if int(found.failure) != OUT_OF_STEPS or room.steps >= self._most(record).max_steps:
+                if int(found.failure) != OUT_OF_STEPS or room.steps >= self._full_accuracy(record).max_steps:
                     return found
         return None
 
@@ -228,7 +228,7 @@ class LiveRecord:
             )
         return segments
 
-    def _most(self, record: Record) -> Accuracy:
+    def _full_accuracy(self, record: Record) -> Accuracy:
         """Accuracy with capacity for all steps that a record may take."""
         segments = self._segments(record)
         return with_room(
@@ -247,7 +247,7 @@ class LiveRecord:
         """Add a larger room, in which the record can be predicted at the `values`."""
         run, numbers = self._run_of(record, values)
         segments = _power_of_two(2 * self._segments(record)) if self._closed else 0
-        most = self._most(record)
+        most = self._full_accuracy(record)
         steps = 0 if self._closed else int(steps_taken(self.setup, self.models, run, numbers, most))
         known = max((room.steps for room in self._rooms), default=0)
         room = _Room(min(most.max_steps, _power_of_two(max(_FEWEST, known + 1, _SPARE * steps))), segments)

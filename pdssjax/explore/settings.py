@@ -228,7 +228,7 @@ def study_at(study: Study, settings: Settings) -> Study:
         for path, p in study.parameters.items()
     }
     changed = changed_drives(study, settings)
-    records = tuple(_driven(study, record, changed.get(record.name, {})) for record in study.records)
+    records = tuple(_with_drive_numbers(study, record, changed.get(record.name, {})) for record in study.records)
     return dataclasses.replace(study, parameters=parameters, records=records)
 
 
@@ -239,7 +239,7 @@ def to_be_fitted(study: Study, settings: Settings) -> Study:
     return dataclasses.replace(there, parameters=there.parameters | apart)
 
 
-def _driven(study: Study, record: Record, numbers: Mapping[str, float]) -> Record:
+def _with_drive_numbers(study: Study, record: Record, numbers: Mapping[str, float]) -> Record:
     """`record` with other numbers of its drive, which override the study's."""
     if record.drive is None or not numbers:
         return record

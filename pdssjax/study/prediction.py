@@ -156,7 +156,7 @@ class Predictor(eqx.Module):
 
         Those that are not `used` are not simulated, and zero; None for all.
         """
-        return self._of_records(_of_each_group(sensor_samples, self, values, accuracy, used))
+        return self._unstack(_map_groups(sensor_samples, self, values, accuracy, used))
 
     def scratch(self, values: Values, directions: Directions, accuracy: Accuracy) -> list[Scratch]:
         """Memory for `linearised`, of each group of records."""
@@ -186,11 +186,11 @@ class Predictor(eqx.Module):
         """
         groups = zip(self.groups, memory, strict=True)
         found = [self._linearised(group, values, directions, sloped, accuracy, of, used) for group, of in groups]
-        return self._of_records([shown for shown, _ in found]), [of for _, of in found]
+        return self._unstack([shown for shown, _ in found]), [of for _, of in found]
 
     def slopes(self, memory: Sequence[Scratch]) -> list[Float[Array, "samples p"]]:
         """The derivatives that `linearised` left in its `memory`, of each record."""
-        return self._of_records([of.slopes for of in memory])
+        return self._unstack([of.slopes for of in memory])
 
     def _linearised(
         self,
@@ -204,7 +204,7 @@ class Predictor(eqx.Module):
     ) -> tuple[Float[Array, "records samples"], Scratch]:
         moving = {path: values[path] for path in directions}
         of_record, records = _per_record(group, self.models, values, accuracy)
-        which = _of_group(used, group)
+        which = _used_in_group(used, group)
         order = jnp.argsort(~which)  # those that are used come first
 
         def next_record(place: Count, so_far: tuple[Array, Scratch]) -> tuple[Array, Scratch]:
@@ -219,7 +219,7 @@ class Predictor(eqx.Module):
 
         return lax.fori_loop(0, jnp.sum(which), next_record, (jnp.zeros(group.runs.times.shape), memory))
 
-    def _of_records(self, stacked: list[Float[Array, "records samples ..."]]) -> list[Float[Array, "samples ..."]]:
+    def _unstack(self, stacked: list[Float[Array, "records samples ..."]]) -> list[Float[Array, "samples ..."]]:
         """What is `stacked` by group, and filled up to the longest, of each record."""
         rows = {place: (g, row) for g, group in enumerate(self.groups) for row, place in enumerate(group.places)}
         return [stacked[rows[place][0]][rows[place][1], :samples] for place, samples in enumerate(self.samples)]
@@ -256,12 +256,12 @@ def _used_or_all(
 def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Count]:
     """Why each record cannot be predicted, as an index into `pdssjax.integration.FAILURES`; 0 where it can."""
     found = dict[int, Count]()
-    for group, failed in zip(predictor.groups, _of_each_group(why_failed, predictor, values, accuracy), strict=True):
+    for group, failed in zip(predictor.groups, _map_groups(why_failed, predictor, values, accuracy), strict=True):
         found |= {place: failed[row] for row, place in enumerate(group.places)}
     return [found[place] for place in sorted(found)]
 
 
-def _of_each_group(
+def _map_groups(
     function: Callable[..., Array],
     predictor: Predictor,
     values: Values,
@@ -281,13 +281,13 @@ def _of_each_group(
         nothing = jnp.zeros(group.runs.times.shape[1:])
         return lax.map(
             lambda both: lax.cond(both[1], lambda: of_record(ask, *both[0]), lambda: nothing),
-            (records, _of_group(used, group)),
+            (records, _used_in_group(used, group)),
         )
 
     return [of_group(group) for group in predictor.groups]
 
 
-def _of_group(
+def _used_in_group(
     used: Bool[Array | np.ndarray, " records"] | None, group: RecordGroup[AbstractSetup]
 ) -> Bool[Array, " records"]:
     """Which records of a group are used: a fit of some compiles what one of all does, and runs less."""

@@ -188,7 +188,7 @@ _LEAST_SHARE, _DECADES = 1e-4, 4.0
 
 def _parameters(estimate: Estimate) -> Section:
     meanings = _meanings(estimate)
-    rows = [_numbers(parameter, meanings.get(path, "")) for path, parameter in estimate.parameters.items()]
+    rows = [_parameter_row(parameter, meanings.get(path, "")) for path, parameter in estimate.parameters.items()]
     head = ["parameter", "value", "standard error", "unit", "relative error", "95 % interval", "what it is"]
     caption = "Bars are logarithmic, from 0.01 % (empty) to 100 % (full)."
     tables, drawings = [Table(head, rows, "<>><><<", caption)], []
@@ -235,7 +235,7 @@ def _further_errors(estimate: Estimate, free: list[FittedParameter], models: lis
     return Table(head, rows, "<" + ">" * (len(head) - 2) + "<", caption)
 
 
-def _numbers(parameter: FittedParameter, meaning: str) -> list[str | Share]:
+def _parameter_row(parameter: FittedParameter, meaning: str) -> list[str | Share]:
     """The cells of a parameter."""
     cells = parameter_cells(parameter)
     relative = abs(parameter.standard_error / parameter.value) if parameter.value else math.nan
@@ -335,7 +335,7 @@ def _records(estimate: Estimate) -> list[Section]:
     ]
     if len(drawn) < len(estimate.records):
         text = ["Some records have no samples in this folder, as where a fit was broken off, and are not drawn."]
-    drawings = [_illustrated(record) for record in drawn]
+    drawings = [_record_illustration(record) for record in drawn]
     drawings += [
         Illustration(figures.loop_figure(record), f'Displacement against voltage of "{record.name}".')
         for record in drawn
@@ -355,7 +355,7 @@ def _records(estimate: Estimate) -> list[Section]:
     return [shown, Section("Residuals: misfit and noise", figures=split, folded=True)]
 
 
-def _illustrated(record: FittedRecord) -> Illustration:
+def _record_illustration(record: FittedRecord) -> Illustration:
     by = f", {record.excitation}" if record.excitation else ""
     of = "contact" if record.motion is not None else record.measures
     caption = f'"{record.name}": {record.display.quantity} of the {of}{by}.'

@@ -76,10 +76,10 @@ def _answer(found: Comparison) -> list[str]:
             f"{_more(len(best.fitted.free) - len(chosen.fitted.free))}."
         )
     if found.ambiguous:
-        lines.append(f"These records do not tell it from {_listed(found.ambiguous)}.")
+        lines.append(f"These records do not tell it from {_enumerated(found.ambiguous)}.")
     worse = [result.name for result in found.results if result.is_worse]
     if worse:
-        lines.append(f"Significantly worse: {_listed(worse)}.")
+        lines.append(f"Significantly worse: {_enumerated(worse)}.")
     if not chosen.fitted.explained:
         lines.append("It leaves more than noise, so another model or another optimum may do better than all of these.")
     if not chosen.fitted.converged:
@@ -141,7 +141,7 @@ def _discriminating_record(found: Comparison) -> str:
         return ""
     if found.telling is None:
         return "No record like these, at other voltages or frequencies, shows a difference between the fitted models."
-    sentence = f"To tell {_listed(found.telling.models)} apart, measure {_telling(found.telling)}."
+    sentence = f"To tell {_enumerated(found.telling.models)} apart, measure {_telling(found.telling)}."
     chosen, other = (found[name].fitted.model for name in found.telling.models)
     if all(chosen[key] == other[key] for key in chosen if key not in ("friction", "friction_state")):
         sentence += f" pdssjax design STUDY --against {other['friction']} plans such records within limits and costs."
@@ -192,6 +192,6 @@ def _more(parameters: int) -> str:
     return counted(parameters, "more parameter") if parameters > 0 else "another model"
 
 
-def _listed(names: tuple[str, ...] | list[str]) -> str:
+def _enumerated(names: tuple[str, ...] | list[str]) -> str:
     *others, last = names
     return f"{', '.join(others)} and {last}" if others else last
