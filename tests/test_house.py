@@ -250,7 +250,7 @@ def test_a_module_is_a_whole_idea():
     }
     importers = importers_of_modules()
     # Of one room and of another, which knows it by its face alone.
-    assert {"study.comparison", "sweeps.dataset"} <= importers["study.record"]
+    assert {"study.comparison", "sweeps.sweeping"} <= importers["study.record"]
     assert not fragments(lines, importers) - METHODS
 
 

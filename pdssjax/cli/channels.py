@@ -1,11 +1,10 @@
 """`pdssjax channels`: lists what is inside files of instruments."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from ..core import InputError
-from .console import say
+from .console import note, say
 
 
 def channels(options: argparse.Namespace) -> int:
@@ -17,7 +16,7 @@ def channels(options: argparse.Namespace) -> int:
         try:
             say(format_channels(str(file), *list_channels(file, options.decimal or "")), end="")
         except InputError as error:
-            print(f"pdssjax: error: {error}", file=sys.stderr)
+            note(f"error: {error}")
             status = 2
     return status
 

@@ -1,22 +1,16 @@
 """`pdssjax characterise`: step efficiency, speed and output force from records alone."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
 from ..core import InputError
-from .console import say
+from .console import note, say
 from .option_values import read_number, read_pairs
-from .results import add_out, keep_results, reserved, say_where
+from .results import add_out, keep_results, reserving, say_where
 
 
-def characterise(options: argparse.Namespace) -> int:
-    with reserved(options):
-        return _characterise(options, _how(options))
-
-
-def _how(options: argparse.Namespace) -> dict[str, Any]:
+def _read_options(options: argparse.Namespace) -> dict[str, Any]:
     """The columns and units that the options give for all files."""
     frequency = None
     if options.frequency is not None:
@@ -34,9 +28,11 @@ def _how(options: argparse.Namespace) -> dict[str, Any]:
     return {**columns, **measured, "decimal": options.decimal or ""}
 
 
-def _characterise(options: argparse.Namespace, how: dict[str, Any]) -> int:
+@reserving
+def characterise(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
 
+    how = _read_options(options)
     prepare_jax(dedicated=True)
     from ..files import characterise, write_characterisations
     from ..report.text import format_characterisation
@@ -47,15 +43,12 @@ def _characterise(options: argparse.Namespace, how: dict[str, Any]) -> int:
             found.append(characterise(file, **how))
         except InputError as error:
             # The other files are characterised all the same.
-            print(f"pdssjax: error: {error}", file=sys.stderr)
+            note(f"error: {error}")
             status = 2
-    written = True
-    if options.out and found:
-        written = keep_results(lambda place: write_characterisations(found, place), options.out)
+    keeps = bool(options.out and found)
+    written = keeps and keep_results(lambda place: write_characterisations(found, place), options.out)
     say("\n".join(map(format_characterisation, found)), end="")
-    if not options.out or not found:
-        return status
-    return say_where(written, f"\nResults are in {options.out}") or status
+    return (say_where(written, f"\nResults are in {options.out}") if keeps else 0) or status
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

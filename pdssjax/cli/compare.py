@@ -7,20 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core import InputError
-from .console import progress, say
-from .results import NOTHING_FOUND, add_out, keep_results, reserved, say_where
+from .console import note, progress, say
+from .results import NOTHING_FOUND, add_out, keep_results, reserving, say_where
 
 if TYPE_CHECKING:
     from ..selection import Comparison
     from ..study import Study
 
 
+@reserving
 def compare(options: argparse.Namespace) -> int:
-    with reserved(options):
-        return _compare(options)
-
-
-def _compare(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
 
     prepare_jax(dedicated=True)
@@ -29,7 +25,7 @@ def _compare(options: argparse.Namespace) -> int:
     from ..files import write_selection
     from ..report.text import format_selection
 
-    found = _found(pdssjax.load_study(options.study), options)
+    found = _fit_candidates(pdssjax.load_study(options.study), options)
     say(format_selection(found), end="")
     command = shlex.join(["pdssjax", *sys.argv[1:]])
     written = keep_results(lambda place: write_selection(found, place, [command]), options.out)
@@ -37,11 +33,11 @@ def _compare(options: argparse.Namespace) -> int:
         return status
     if found.chosen:
         return 0
-    print("pdssjax: error: no model has a fit that could be compared", file=sys.stderr, flush=True)
+    note("error: no model has a fit that could be compared")
     return NOTHING_FOUND
 
 
-def _found(study: "Study", options: argparse.Namespace) -> "Comparison":
+def _fit_candidates(study: "Study", options: argparse.Namespace) -> "Comparison":
     """Compare the models; if that is interrupted, the finished candidates stay in the folder."""
     from ..files import CandidateFolder
     from ..selection import compare_models
@@ -60,8 +56,7 @@ def _found(study: "Study", options: argparse.Namespace) -> "Comparison":
             )
     except KeyboardInterrupt:
         if store.place.is_dir():
-            told = f"the models that were done are in {store.place}; the same command with --resume goes on"
-            print(f"pdssjax: {told}", file=sys.stderr, flush=True)
+            note(f"the models that were done are in {store.place}; the same command with --resume goes on")
         raise
 
 

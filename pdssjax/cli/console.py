@@ -18,11 +18,11 @@ QUIET_S = 2.0
 
 
 def announce_warnings(show: Callable[..., None]) -> Callable[..., None]:
-    """In place of `warnings.showwarning`: plain lines for the user's own warnings, `show` for others."""
+    """A substitute for `warnings.showwarning`: plain lines for the user's own warnings, `show` for others."""
 
     def announce(message: Warning | str, category: type[Warning], *where: object) -> None:
         if issubclass(category, InputWarning):
-            print(f"pdssjax: warning: {message}", file=sys.stderr)
+            note(f"warning: {message}")
         else:
             show(message, category, *where)
 
@@ -35,7 +35,12 @@ def say(text: str, end: str = "\n") -> None:
         print(text, end=end, flush=True)
     except OSError as error:
         _discard(sys.stdout)
-        print(f"pdssjax: warning: cannot print any further ({error.strerror})", file=sys.stderr, flush=True)
+        note(f"warning: cannot print any further ({error.strerror})")
+
+
+def note(text: str) -> None:
+    """Print a line for the user beside the results, such as "warning: ...", on standard error."""
+    print(f"pdssjax: {text}", file=sys.stderr, flush=True)
 
 
 def replace_unknown_letters() -> None:

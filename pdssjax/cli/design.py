@@ -1,6 +1,7 @@
 """`pdssjax design`: which records to make next, and where their samples go."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,8 +31,8 @@ def _design(options: argparse.Namespace) -> int:
 
     source, estimate = options.study, options.estimate
     if source.is_dir():
-        source, told = plan_folder(source)
-        estimate = estimate or told
+        source, found = plan_folder(source)
+        estimate = estimate or found
     budget = read_pairs(options.budget, "--budget", BUDGET_KEYS, "samples=2000")
     table = read_design(source, options.limit, budget)
     prepare_jax(dedicated=True)
@@ -77,14 +78,14 @@ def _aim(
     study: "Study",
     knowledge: "Knowledge | None",
     table: "DesignTable",
-    tell: object,
+    tell: Callable[[str], None],
 ) -> "Aim | None":
     """What the options ask for; None where they leave it to the estimate."""
     from ..design import Aim, fitted_rival
 
-    asked = [name for name in ("criterion", "parameter", "speed_at", "against") if getattr(options, name)]
-    if len(asked) > 1:
-        named = " and ".join(f"--{name.replace('_', '-')}" for name in asked)
+    aims = [name for name in ("criterion", "parameter", "speed_at", "against") if getattr(options, name)]
+    if len(aims) > 1:
+        named = " and ".join(f"--{name.replace('_', '-')}" for name in aims)
         raise InputError(f"options {named}: found both, expected one aim.")
     if options.parameter:
         return Aim("parameter", tuple(part.strip() for part in options.parameter.split(",")))
@@ -93,7 +94,7 @@ def _aim(
         read = lambda text, unit: read_number(text.strip(), unit, "option --speed-at", above=0.0)
         return Aim("prediction", speed_at=(read(voltage, "V"), read(frequency, "Hz")))
     if options.against:
-        rival, known = fitted_rival(study, options.against, knowledge, table.limits, tell)  # pyright: ignore[reportArgumentType]
+        rival, known = fitted_rival(study, options.against, knowledge, table.limits, tell)
         return Aim("discrimination", rival=rival, rival_knowledge=known)
     return Aim(options.criterion) if options.criterion else None
 

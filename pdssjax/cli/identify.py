@@ -3,12 +3,11 @@
 import argparse
 import contextlib
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core import MOST_STARTS, InputError, members
-from .console import progress, say
+from .console import note, progress, say
 from .numbers import add_check, add_solver, with_solver
 from .option_values import SEED, whole
 from .results import NOT_WRITTEN, add_out, keep_results, reserved
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from ..inference import Drawing, Intervals, Method
     from ..study import Estimate, Study
 
-    class More(TypedDict, total=False):
+    class FurtherArguments(TypedDict, total=False):
         """Arguments of `pdssjax.identify` that most runs do without."""
 
         drawing: Drawing
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 DRAWN = "bootstrap", "posterior"
 
 
-_BELONGS_TO = {
+_INTERVALS_WITH = {
     "replicates": ("bootstrap",),
     "resample": ("bootstrap",),
     "draws": ("posterior",),
@@ -57,36 +56,36 @@ def _identify(options: argparse.Namespace) -> int:
     prepare_jax(dedicated=True)
     import pdssjax
 
-    from ..inference import check_intervals
+    from ..inference import check_intervals, has_intervals
 
     if options.method != "both":
         check_intervals(options.intervals, options.method)
     study = with_solver(pdssjax.load_study(options.study or EXAMPLE / "study.toml"), options)
     if options.estimate is not None:
         study = starting_at_estimate(study, options.estimate)
-    methods = _possible(study) if options.method == "both" else [options.method]
+    methods = _methods_for(study) if options.method == "both" else [options.method]
     folders: dict[Method, Path] = {
         method: options.out / method if len(methods) > 1 else options.out for method in methods
     }
     estimates: dict[Method, Estimate] = {}
     written = True
     for method, folder in folders.items():
-        intervals = _intervals_of(method, options.intervals)
+        intervals = options.intervals if has_intervals(method, options.intervals) else "linear"
         loss: str = options.loss if method == "joint" or len(methods) == 1 else "squares"
         # A run that was broken off in an earlier one of several ways has drawn nothing of those after it.
         resume = options.resume and (not estimates or holds_draws(folder))
-        more = _more_of(options, intervals, folder, resume)
-        found = _identified(study, method, intervals, loss, more, folder)
-        estimates[method] = _noted(found, options, intervals, loss)
+        further = _further_arguments(options, intervals, folder, resume)
+        found = _fit(study, method, intervals, loss, further, folder)
+        estimates[method] = _with_notes(found, options, intervals, loss)
         written &= _report_and_keep(estimates[method], folder)
     if len(methods) > 1:
-        written &= _compared(list(estimates.values()), options.out)
+        written &= _report_side_by_side(list(estimates.values()), options.out)
     if written:
         say(f"Results are in {options.out}")
     # Of several ways the first is the best: the others need not explain what is compared.
     failed = [e for n, e in enumerate(estimates.values()) if not (e.converged if n else e.success)]
     for estimate in failed:
-        print(f"pdssjax: warning: the {estimate.method} fit {estimate.verdict}: {_why(estimate)}", file=sys.stderr)
+        note(f"warning: the {estimate.method} fit {estimate.verdict}: {_why(estimate)}")
     return NOT_WRITTEN if not written else 3 if failed else 0
 
 
@@ -100,30 +99,25 @@ _SIDE_BY_SIDE: "list[Method]" = ["joint", "sequential", "peaks"]
 """What --method both compares."""
 
 
-def _intervals_of(method: "Method", asked: "Intervals") -> "Intervals":
-    """The intervals that were asked for, where a method has them."""
-    from ..inference import has_intervals
-
-    return asked if has_intervals(method, asked) else "linear"
-
-
-def _noted(estimate: "Estimate", asked: argparse.Namespace, intervals: "Intervals", loss: str) -> "Estimate":
-    """The estimate with the command, and notes where it lacks intervals or a loss that were `asked` for."""
+def _with_notes(estimate: "Estimate", options: argparse.Namespace, intervals: "Intervals", loss: str) -> "Estimate":
+    """The estimate with the command, and notes where it lacks the intervals or the loss of the `options`."""
     import dataclasses
 
     notes = []
-    if asked.intervals != intervals:
-        notes.append(f"No {asked.intervals}: the {estimate.method} method has none, and its intervals are {intervals}.")
-    if asked.loss != loss:
+    if options.intervals != intervals:
         notes.append(
-            f"No {asked.loss}: the {estimate.method} method has no robust loss, and glitches pull it as they do least "
-            "squares."
+            f"No {options.intervals}: the {estimate.method} method has none, and its intervals are {intervals}."
         )
-    made = dataclasses.replace(estimate.provenance, command=asked.command_line)
+    if options.loss != loss:
+        notes.append(
+            f"No {options.loss}: the {estimate.method} method has no robust loss, and glitches pull it as they do "
+            "least squares."
+        )
+    made = dataclasses.replace(estimate.provenance, command=options.command_line)
     return dataclasses.replace(estimate, notes=(*estimate.notes, *notes), provenance=made)
 
 
-def _possible(study: "Study") -> "list[Method]":
+def _methods_for(study: "Study") -> "list[Method]":
     """The methods that can fit a study; if peaks cannot be read from its records, print why.
 
     **Raises:** `InputError` where they allow no two of them.
@@ -134,12 +128,12 @@ def _possible(study: "Study") -> "list[Method]":
     try:
         pick_peaks(study)
     except InputError as error:
-        print(f"pdssjax: without peaks: {error}", file=sys.stderr)
+        note(f"without peaks: {error}")
         return _SIDE_BY_SIDE[:2]
     return _SIDE_BY_SIDE
 
 
-def _compared(estimates: "list[Estimate]", folder: Path) -> bool:
+def _report_side_by_side(estimates: "list[Estimate]", folder: Path) -> bool:
     """Print the fits side by side and write the comparison; whether `folder` took it."""
     from ..files import write_comparison
     from ..report.text import format_comparison
@@ -148,8 +142,8 @@ def _compared(estimates: "list[Estimate]", folder: Path) -> bool:
     return keep_results(lambda place: write_comparison(estimates, place), folder)
 
 
-def _identified(
-    study: "Study", method: "Method", intervals: "Intervals", loss: str, more: "More", folder: Path
+def _fit(
+    study: "Study", method: "Method", intervals: "Intervals", loss: str, further: "FurtherArguments", folder: Path
 ) -> "Estimate":
     """Identify a study; if the fit is interrupted, write the best point so far to `folder`."""
     import pdssjax
@@ -159,20 +153,20 @@ def _identified(
 
     try:
         with progress() as tell:
-            return pdssjax.identify(study, method=method, intervals=intervals, loss=loss, progress=tell, **more)
+            return pdssjax.identify(study, method=method, intervals=intervals, loss=loss, progress=tell, **further)
     except pdssjax.FitInterrupted as interrupt:
         kept = interrupt.estimate
         if kept is None:
-            print("pdssjax: interrupted while searching for starts; nothing is written", file=sys.stderr)
+            note("interrupted while searching for starts; nothing is written")
         else:
             say(format_report(kept))
             if keep_results(lambda place: write_essentials(kept, place), folder, kept):
                 what, file = "estimate" if kept.converged else "best point so far", folder / "estimate.json"
-                print(f"pdssjax: the {what} is in {file}", file=sys.stderr)
+                note(f"the {what} is in {file}")
                 if not kept.converged:
-                    print(f"pdssjax: a fit with --estimate {file} goes on from there", file=sys.stderr)
+                    note(f"a fit with --estimate {file} goes on from there")
             if intervals in DRAWN and kept.converged:
-                print("pdssjax: what was drawn is kept; the same command with --resume goes on", file=sys.stderr)
+                note("what was drawn is kept; the same command with --resume goes on")
         raise
 
 
@@ -194,20 +188,22 @@ def _report_and_keep(estimate: "Estimate", folder: Path) -> bool:
             return keep_results(lambda place: write_estimate(estimate, place), folder, estimate)
     except KeyboardInterrupt:
         if keep_results(lambda place: write_essentials(estimate, place), folder, estimate):
-            print(f"pdssjax: the estimate is in {folder / 'estimate.json'}, without plots", file=sys.stderr)
+            note(f"the estimate is in {folder / 'estimate.json'}, without plots")
         raise
 
 
 def _check_drawing(options: argparse.Namespace) -> None:
     """**Raises** `InputError` where options ask for what the kind of intervals does not have."""
-    for name, kinds in _BELONGS_TO.items():
+    for name, kinds in _INTERVALS_WITH.items():
         if getattr(options, name) not in (None, False) and options.intervals not in kinds:
             raise InputError(
                 f"option --{name}: found with --intervals {options.intervals}, expected {' or '.join(kinds)}."
             )
 
 
-def _more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path, resume: bool) -> "More":
+def _further_arguments(
+    options: argparse.Namespace, intervals: "Intervals", folder: Path, resume: bool
+) -> "FurtherArguments":
     """Keyword arguments of `identify` by the options: draws kept in `folder`, starts, cores, effort, check.
 
     **Arguments:** whether to `resume` what `folder` holds.
@@ -219,22 +215,24 @@ def _more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path, 
     from ..files import DrawsFile
     from ..inference import Drawing
 
-    more: More = {}
+    further: FurtherArguments = {}
     file = DrawsFile(folder, resume and intervals in DRAWN)
     if not resume:
         file.forget()
     if intervals in DRAWN:
         count = options.replicates if intervals == "bootstrap" else options.draws
-        more["drawing"] = Drawing(count, options.seed or 0, options.resample or "noise", file, options.sampler or "rto")
+        further["drawing"] = Drawing(
+            count, options.seed or 0, options.resample or "noise", file, options.sampler or "rto"
+        )
     if options.starts:
-        more["starts"] = options.starts
-    if more or intervals == "profile":
-        more["executor"] = ThreadPoolExecutor(os.cpu_count())
+        further["starts"] = options.starts
+    if further or intervals == "profile":
+        further["executor"] = ThreadPoolExecutor(os.cpu_count())
     if options.effort != "usual":
-        more["effort"] = options.effort
+        further["effort"] = options.effort
     if options.check_with:
-        more["check_with"] = options.check_with
-    return more
+        further["check_with"] = options.check_with
+    return further
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -281,11 +279,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--starts", type=whole(0, MOST_STARTS), default=0, metavar="N", help=text)
     add_solver(parser)
     add_check(parser)
-    _add_drawing(parser)
+    _add_drawing_options(parser)
     add_out(parser)
 
 
-def _add_drawing(parser: argparse.ArgumentParser) -> None:
+def _add_drawing_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of intervals by drawing."""
     group = parser.add_argument_group("of --intervals bootstrap and posterior")
     group.add_argument("--replicates", type=whole(2), metavar="N", help="fits of the bootstrap (default 1000)")

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
 from ..core import InputError, InputWarning, MiscompilationError, raise_gc_threshold
-from .console import LenientStream, announce_warnings, replace_unknown_letters, say
+from .console import LenientStream, announce_warnings, note, replace_unknown_letters, say
 
 COMMANDS = {
     "identify": "estimate an actuator's parameters, with uncertainties, from the records of a study",
@@ -60,10 +60,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.command_line = shlex.join(["pdssjax", *given])
             return options.run(options)
         except (InputError, MiscompilationError, OSError) as error:
-            print(f"pdssjax: error: {_cut(str(error))}", file=sys.stderr)
+            note(f"error: {_shorten(str(error))}")
             return 2
         except KeyboardInterrupt:
-            print("pdssjax: interrupted", file=sys.stderr)
+            note("interrupted")
             return exit_status(received)
 
 
@@ -146,7 +146,7 @@ def _check_values(given: Sequence[str]) -> None:
             raise InputError(f'option {name}: found "--", expected a value.')
 
 
-def _cut(message: str) -> str:
+def _shorten(message: str) -> str:
     """Shorten a `message` that is longer than any name of a file or a column, in its middle."""
     return message if len(message) <= _LONGEST else f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
 

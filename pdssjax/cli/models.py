@@ -6,23 +6,18 @@ from .console import say
 
 
 def models(options: argparse.Namespace) -> int:
-    say(_explained(options.name) if options.name else _listed(), end="")
-    return 0
+    from ..report.text import format_catalogue, format_entry
 
+    if options.name:
+        from ..study import find_entry
 
-def _listed() -> str:
-    """All of them; none is loaded for it, nor JAX."""
-    from ..report.text import format_catalogue
+        say(format_entry(find_entry(options.name)), end="")
+        return 0
     from ..study import entry_summaries
 
-    return format_catalogue(entry_summaries())
-
-
-def _explained(name: str) -> str:
-    from ..report.text import format_entry
-    from ..study import find_entry
-
-    return format_entry(find_entry(name))
+    # All of them are listed from their files: none is loaded for it, nor JAX.
+    say(format_catalogue(entry_summaries()), end="")
+    return 0
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

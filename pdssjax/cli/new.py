@@ -2,25 +2,22 @@
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core import InputError, split_text
-from .console import say
+from .console import note, say
 from .option_values import number_or_text, read_number, read_pairs
 
 if TYPE_CHECKING:
-    from ..files import FrictionFile, Hints, NewRecord, Told
+    from ..files import FrictionFile, Hints, NewRecord, RigOptions
     from ..metrics import RecordGuess
 
 
 QUANTITIES = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s", "force": "N"}
 """What a channel may be, and its unit."""
-
-QUANTITIES_NAMED = "time, voltage, displacement, velocity or force"
 
 MEASURED = ("platform", "effector")
 """What a record of a new study may measure."""
@@ -55,7 +52,7 @@ def new(options: argparse.Namespace) -> int:
     from ..files import check_empty, friction_file, guess_file, load_study, write_study
     from ..report.text import format_guesses
 
-    hints, told, measures = _hints(options), _told(options), _measures(options)
+    hints, rig, measures = _hints(options), _rig_options(options), _measures(options)
     check_empty(options.folder)
     contacts, records, status = [], [], 0
     for file in options.files:
@@ -64,26 +61,33 @@ def new(options: argparse.Namespace) -> int:
             if contact is not None:
                 contacts.append(contact)
             else:
-                records.append(guess_file(file, hints, told, measures.get(file, "")))
+                records.append(guess_file(file, hints, rig, measures.get(file, "")))
         except InputError as error:
             # All questions at once.
-            print(f"pdssjax: error: {error}", file=sys.stderr)
+            note(f"error: {error}")
             status = 2
     if status:
         return status
     if contacts:
-        return _of_contacts(options, contacts, records)
+        return _study_of_contacts(options, contacts, records)
     prepare_jax(dedicated=True)
-    path = write_study(records, told, options.folder, options.title or options.folder.resolve().name)
+    path = write_study(records, rig, options.folder, options.title or options.folder.resolve().name)
     say(format_guesses([(record.name, record.guess) for record in records]), end="")
-    _warn(records, told)
+    _warn(records, rig)
     load_study(path)
-    say(f"Look at {options.folder / 'check'}, edit {path} where a guess is wrong, then run:")
-    say(f"pdssjax identify {path} --out {options.folder / 'out'}")
+    return _say_next(options.folder, path)
+
+
+def _say_next(folder: Path, study: Path) -> int:
+    """Say what to do with a study that was made; the exit status."""
+    say(f"Look at {folder / 'check'}, edit {study} where a guess is wrong, then run:")
+    say(f"pdssjax identify {study} --out {folder / 'out'}")
     return 0
 
 
-def _of_contacts(options: argparse.Namespace, files: "Sequence[FrictionFile]", others: "Sequence[NewRecord]") -> int:
+def _study_of_contacts(
+    options: argparse.Namespace, files: "Sequence[FrictionFile]", others: "Sequence[NewRecord]"
+) -> int:
     """Make a study of friction records of a contact alone, as a tribometer writes them; `others` must be empty."""
     from ..core import prepare_jax
     from ..files import load_study, write_friction_study
@@ -103,48 +107,45 @@ def _of_contacts(options: argparse.Namespace, files: "Sequence[FrictionFile]", o
             f"{file.roles.file}: a contact alone, its force against a {file.quantity}, "
             f"{file.force.size} samples{turned}"
         )
-    say(f"Look at {options.folder / 'check'}, edit {path} where a guess is wrong, then run:")
-    say(f"pdssjax identify {path} --out {options.folder / 'out'}")
-    return 0
+    return _say_next(options.folder, path)
 
 
-def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
+def _warn(records: Sequence["NewRecord"], rig: "RigOptions") -> None:
     """Say what the user should not overlook."""
     from ..metrics import gain_of
 
     said = []
-    if told.mass is None and any(record.guess.measures == "effector" for record in records):
+    if rig.mass is None and any(record.guess.measures == "effector" for record in records):
         said.append('the mass of the end-effector is a guess, 100 g: give --mass "86 g"')
-    if told.mass is not None and told.mass > HEAVY:
-        said.append(f"found a mass of {told.mass:g} kg, more than friction carries: is its unit right?")
+    if rig.mass is not None and rig.mass > HEAVY:
+        said.append(f"found a mass of {rig.mass:g} kg, more than friction carries: is its unit right?")
     for record in records:
         guess, file = record.guess, record.roles.file
         if (count := guess.time.size) > MANY:
             said.append(f"{file}: {count} samples make a slow fit; the keys window and decimate keep fewer")
-        if record.without:
+        if record.gaps:
             said.append(f"{file}: found {record.left_out} samples that are no numbers; the record excludes them")
         gain = gain_of(guess)
         if gain > LARGE:
-            told_gain = f"{1e6 * gain:.3g} um/V, more than a stack moves"
             said.append(
-                f"{file}: found {told_gain}; of a voltage before its amplifier say --scale voltage=20 or so, "
-                "of a sensor's millivolts --unit displacement=mV beside its scale"
+                f"{file}: found {1e6 * gain:.3g} um/V, more than a stack moves; of a voltage before its amplifier say "
+                "--scale voltage=20 or so, of a sensor's millivolts --unit displacement=mV beside its scale"
             )
         elif volts := _before_an_amplifier(record, gain):
             said.append(
                 f"{file}: found {volts} at most, as a monitor or a command of an amplifier has, "
                 "and a study wants the voltage at the piezo: of a monitor 1:20 say --scale voltage=20"
             )
-        said += [f"{file}: found {what}" for what in [*_implausible(guess), *_rounded(record)]]
+        said += [f"{file}: found {what}" for what in [*_describe_implausible(guess), *_describe_rounding(record)]]
         if gain < SMALL:
             said.append(
                 f"{file}: found {1e9 * gain:.3g} nm/V, less than a stack moves: is the displacement's unit right?"
             )
     for line in said:
-        print(f"pdssjax: warning: {line}", file=sys.stderr)
+        note(f"warning: {line}")
 
 
-def _implausible(guess: "RecordGuess") -> list[str]:
+def _describe_implausible(guess: "RecordGuess") -> list[str]:
     """The properties of a record that no rig can have, in words."""
     from ..metrics import clipped, describe_hold
 
@@ -165,7 +166,7 @@ def _implausible(guess: "RecordGuess") -> list[str]:
     return said
 
 
-def _rounded(record: "NewRecord") -> list[str]:
+def _describe_rounding(record: "NewRecord") -> list[str]:
     """A rounded flank that no fall or rise time describes, in words."""
     from ..files import drive_of_samples
     from ..metrics import rounding_of
@@ -209,18 +210,18 @@ def _hints(options: argparse.Namespace) -> "Hints":
     return Hints(columns, units, scales, interval, options.decimal or "")
 
 
-def _told(options: argparse.Namespace) -> "Told":
-    from ..files import Told
+def _rig_options(options: argparse.Namespace) -> "RigOptions":
+    from ..files import RigOptions
 
     def number(key: str, unit: str, above: float | None = 0.0) -> float | None:
         text = getattr(options, key)
         return None if text is None else read_number(text, unit, f"option --{key}", above=above)
 
     # The voltage of a drive that goes down first is negative.
-    told = Told(number("peak", "V", None), number("frequency", "Hz"), number("mass", "kg"))
-    if told.peak == 0:
+    rig = RigOptions(number("peak", "V", None), number("frequency", "Hz"), number("mass", "kg"))
+    if rig.peak == 0:
         raise InputError("option --peak: found 0 V, expected a voltage that is not 0.")
-    return told
+    return rig
 
 
 def _measures(options: argparse.Namespace) -> dict[Path, str]:
@@ -233,16 +234,16 @@ def _measures(options: argparse.Namespace) -> dict[Path, str]:
                 f'option --measures: found "{text}", expected "platform" or "effector", of some files after their name '
                 'or a pattern of names: "step*.csv=platform".'
             )
-        meant = [file for file in options.files if not pattern or _is_called(file, pattern)]
+        meant = [
+            f
+            for f in options.files
+            if not pattern or pattern in (f.name, str(f)) or any(fnmatch(n, pattern) for n in (f.name, str(f)))
+        ]
         if not meant:
             names = ", ".join(file.name for file in options.files)
             raise InputError(f'option --measures: found "{pattern}", expected the name of a file of --files: {names}.')
         (of_some if pattern else of_all).update(dict.fromkeys(meant, kind))
     return of_all | of_some
-
-
-def _is_called(file: Path, pattern: str) -> bool:
-    return any(name == pattern or fnmatch(name, pattern) for name in (file.name, str(file)))
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -255,7 +256,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         text = f"channel of the {quantity}, by name or number; left out: told by unit [{unit}], name or shape"
         text += '; "none" where none was recorded' if quantity == "voltage" else ""
         parser.add_argument(f"--{quantity}", metavar="COL", help=text)
-    text = f"unit of {QUANTITIES_NAMED}, where the file does not tell it; repeatable"
+    text = "unit of time, voltage, displacement, velocity or force, where the file does not tell it; repeatable"
     parser.add_argument("--unit", action="append", default=[], metavar="QUANTITY=UNIT", help=text)
     text = 'factor of voltage, displacement, velocity or force, such as "displacement=0.5 um/V"; repeatable'
     parser.add_argument("--scale", action="append", default=[], metavar="QUANTITY=FACTOR", help=text)

@@ -6,15 +6,11 @@ from pathlib import Path
 from .console import progress, say
 from .numbers import add_numbers, study_of
 from .option_values import SEED
-from .results import add_out, keep_results, reserved, say_where
+from .results import add_out, keep_results, reserving, say_where
 
 
+@reserving
 def record(options: argparse.Namespace) -> int:
-    with reserved(options):
-        return _record(options)
-
-
-def _record(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
     from ..files import check_recordings, write_recordings
     from ..report.text import format_numbers, format_records

@@ -1,11 +1,10 @@
 """`pdssjax report`: results as one HTML page for a colleague."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from ..core import InputError
-from .console import progress
+from .console import note, progress
 from .results import NOT_WRITTEN, say_where
 
 
@@ -31,7 +30,7 @@ def report(options: argparse.Namespace) -> int:
             elif page is not None:
                 write_page(file, page, overwrite=options.overwrite)
         except OSError as error:
-            print(f"pdssjax: error: {file}: cannot be written to ({error.strerror or error})", file=sys.stderr)
+            note(f"error: {file}: cannot be written to ({error.strerror or error})")
             return NOT_WRITTEN
     return say_where(True, f"The page is in {file}")
 

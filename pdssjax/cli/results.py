@@ -2,13 +2,13 @@
 
 import argparse
 import contextlib
-import sys
+import functools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core import InputError
-from .console import say
+from .console import note, say
 
 if TYPE_CHECKING:
     from ..study import Estimate
@@ -36,6 +36,17 @@ def reserved(options: argparse.Namespace, *below: str) -> Iterator[None]:
         yield
 
 
+def reserving(command: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
+    """`command` with the folder of its `--out` `reserved`."""
+
+    @functools.wraps(command)
+    def run(options: argparse.Namespace) -> int:
+        with reserved(options):
+            return command(options)
+
+    return run
+
+
 NOTHING_FOUND = 3
 """Exit status where no point of a sweep, or no record of a simulation, could be computed."""
 
@@ -54,14 +65,14 @@ def keep_results(write: Callable[[Path], None], folder: Path, estimate: "Estimat
         write(folder)
         return True
     except OSError as error:
-        print(f"pdssjax: error: {folder}: cannot be written to ({error.strerror or error})", file=sys.stderr)
+        note(f"error: {folder}: cannot be written to ({error.strerror or error})")
     except InputError as error:
-        print(f"pdssjax: error: {error}", file=sys.stderr)
+        note(f"error: {error}")
     try:
-        print(f"pdssjax: the results are in {write_aside(write)} instead", file=sys.stderr)
+        note(f"the results are in {write_aside(write)} instead")
     except OSError as error:
         instead = "the results are lost" if estimate is None else "the estimate is printed here"
-        print(f"pdssjax: nor is there room for temporary files ({error.strerror or error}); {instead}", file=sys.stderr)
+        note(f"nor is there room for temporary files ({error.strerror or error}); {instead}")
         if estimate is not None:
             say(estimate_text(estimate))
     return False

@@ -1,13 +1,12 @@
 """`pdssjax simulate`: predicts every record of a study."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .console import progress, say
+from .console import note, progress, say
 from .numbers import add_numbers, study_of
-from .results import NOTHING_FOUND, add_out, keep_results, reserved, say_where
+from .results import NOTHING_FOUND, add_out, keep_results, reserving, say_where
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -15,12 +14,8 @@ if TYPE_CHECKING:
     from ..study import FittedRecord, Record
 
 
+@reserving
 def simulate(options: argparse.Namespace) -> int:
-    with reserved(options):
-        return _simulate(options)
-
-
-def _simulate(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
     from ..files import write_predictions
     from ..report.text import format_numbers, format_records
@@ -32,7 +27,7 @@ def _simulate(options: argparse.Namespace) -> int:
     used = numbers_used(study)
     with progress() as tell:
         tell("simulating")
-        records = [_compared(*pair) for pair in zip(study.records, study.predict(), strict=True)]
+        records = [_compare_record(*pair) for pair in zip(study.records, study.predict(), strict=True)]
         cause = ""
         if not all(record.simulated for record in records):
             tell("looking for the parameter to blame")
@@ -43,12 +38,12 @@ def _simulate(options: argparse.Namespace) -> int:
     say(format_numbers(used))
     say(format_records(records))
     if cause:
-        print(f"pdssjax: warning: {options.study}: {cause}.", file=sys.stderr)
+        note(f"warning: {options.study}: {cause}.")
     status = say_where(written, f"Results are in {options.out}")
     return status or (0 if any(record.simulated for record in records) else NOTHING_FOUND)
 
 
-def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
+def _compare_record(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
     """A record beside its simulation, which gets the record's own zero: given, or the best fit to the data."""
     import numpy as np
 

@@ -2,26 +2,22 @@
 
 import argparse
 import contextlib
-import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..core import MOST_POINTS, MOST_WORKERS, InputError, nearest
-from .console import counter, progress, say
+from .console import counter, note, progress, say
 from .numbers import add_numbers, study_of
 from .option_values import SEED, read_axis, read_number, read_range, read_whole, unit_of, whole
-from .results import NOTHING_FOUND, add_out, keep_results, reserved, say_where
+from .results import NOT_WRITTEN, NOTHING_FOUND, add_out, keep_results, reserved, say_where
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-    from contextlib import AbstractContextManager
-
     import xarray
 
     from ..core import Quantity
     from ..files import SweepStore
-    from ..study import Study
+    from ..study import Record, Study
     from ..sweeps import AbstractPoints
 
 _COARSE = 9
@@ -33,7 +29,7 @@ _WITHOUT = ("sample", "bands", "metrics", "derivatives", "scheduler", "resume", 
 
 def sweep(options: argparse.Namespace) -> int:
     if options.border is not None:
-        _check_alone(options)
+        _check_border_options(options)
     with contextlib.nullcontext() if options.explain else reserved(options):
         return _sweep(options)
 
@@ -51,20 +47,24 @@ def _sweep(options: argparse.Namespace) -> int:
     from ..sweeps import driven_record, with_bands
 
     whole = study_of(options)
-    study = whole.as_in(driven_record(whole, options.record))
+    base = driven_record(whole, options.record)
+    study = whole.for_record(base)
+    texts = _axis_texts(base, options)
     if options.border is not None:
-        return _sweep_border(study, _texts(study, options), options)
-    points, errors = _points(study, options), ""
+        return _sweep_border(study, base, texts, options)
+    points, errors = _points(study, base, texts, options), ""
     if options.bands is not None:
-        points, errors = _about_the_estimate(whole, points, options)
-    asked = _asked(study, points, options)
+        points, errors = _about_the_estimate(whole, base, points, options)
+    request: dict[str, Any] = {
+        "record": options.record,
+        "cycles": options.cycles,
+        **_further_columns(study, base, points, options),
+    }
     if options.explain:
-        return _explain(study, points, options, asked)
-    try:
-        data = _swept(study, points, options, asked)
-    except _Unwritable as error:
-        print(f"pdssjax: error: {error}", file=sys.stderr, flush=True)
-        return 4
+        return _explain(study, points, request, options.out)
+    data = _compute(study, points, request, options)
+    if data is None:
+        return NOT_WRITTEN
     if options.bands is not None:
         data = with_bands(data).assign_attrs(errors=errors)
     written = keep_results(lambda place: write_sweep(data, place, options.store), options.out)
@@ -83,45 +83,53 @@ def _verdict(data: "xarray.Dataset") -> int:
     codes = data.failure.values.ravel().tolist()
     often = POINT_FAILURES[max(set(codes), key=codes.count)]
     told = f"none of the {len(codes)} points has a value; of most the failure is: {often}"
-    print(f"pdssjax: error: {told}", file=sys.stderr, flush=True)
+    note(f"error: {told}")
     return NOTHING_FOUND
 
 
-class _Unwritable(Exception):
-    """The points could not be kept where asked."""
-
-
-def _swept(
-    study: "Study", points: "AbstractPoints", options: argparse.Namespace, asked: "dict[str, tuple[str, ...]]"
-) -> "xarray.Dataset":
-    """Run the sweep, and keep finished blocks on disk."""
+def _compute(
+    study: "Study", points: "AbstractPoints", request: dict[str, Any], options: argparse.Namespace
+) -> "xarray.Dataset | None":
+    """Run the sweep, and keep finished blocks on disk; None, and a line, where the disk takes no more."""
     import pdssjax
 
-    store = _store(options)
-    with _executor(options.scheduler) as (executor, workers), counter("points") as count, _kept_in(store):
-        return pdssjax.sweep(
-            study,
-            points,
-            record=options.record,
-            cycles=options.cycles,
-            metrics=asked["metrics"],
-            derivatives=asked["derivatives"],
-            progress=count,
-            workers=options.workers,
-            executor=executor,
-            in_flight=None if workers is None else 2 * workers,
-            store=store,
-        )
+    from ..sweeps import cluster_executor
+
+    store, address = _store(options), options.scheduler
+    cluster = contextlib.nullcontext((None, None)) if address is None else cluster_executor(address)
+    with cluster as (executor, workers), counter("points") as count:
+        try:
+            return pdssjax.sweep(
+                study,
+                points,
+                **request,
+                progress=count,
+                workers=options.workers,
+                executor=executor,
+                in_flight=None if workers is None else 2 * workers,
+                store=store,
+            )
+        except KeyboardInterrupt:
+            if store is not None:
+                note(f"the points that were done are in {store.place}; go on with --resume")
+            raise
+        except OSError as error:
+            if store is None:
+                raise
+            kept = "; the points that were done are there: make room and go on with --resume"
+            there = kept if store.place.exists() else ""
+            note(f"error: {store.place}: cannot be written ({error.strerror or error}){there}.")
+            return None
 
 
-def _texts(study: "Study", options: argparse.Namespace) -> dict[str, str]:
+def _axis_texts(base: "Record", options: argparse.Namespace) -> dict[str, str]:
     """The axes that the options ask for, by path, as they were written."""
-    from ..sweeps import driven_record, sweepable_choices
+    from ..sweeps import sweepable_choices
 
     given = [(f"drive.{name}", getattr(options, name)) for name in ("voltage", "frequency")]
     texts = dict([*((path, text) for path, text in given if text is not None), *map(_axis, options.vary)])
     if options.both_directions:
-        if "drive.direction" not in sweepable_choices(driven_record(study, options.record)):
+        if "drive.direction" not in sweepable_choices(base):
             raise InputError(
                 'option --both-directions: found a drive without a direction, expected one such as "sawtooth".'
             )
@@ -129,12 +137,11 @@ def _texts(study: "Study", options: argparse.Namespace) -> dict[str, str]:
     return texts
 
 
-def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
-    """The points that the options ask for."""
-    from ..sweeps import Grid, LatinHypercube, Sobol, driven_record, sweepable, sweepable_choices
+def _points(study: "Study", base: "Record", texts: Mapping[str, str], options: argparse.Namespace) -> "AbstractPoints":
+    """The points that the options ask for; `texts` are the axes as they were written, by path."""
+    from ..sweeps import Grid, LatinHypercube, Sobol, sweepable, sweepable_choices
 
-    base = driven_record(study, options.record)
-    legal, words, texts = sweepable(study, base), sweepable_choices(base), _texts(study, options)
+    legal, words = sweepable(study, base), sweepable_choices(base)
     if options.sample is None:
         return Grid({path: read_axis(path, text, legal, words) for path, text in texts.items()})
     kind, _, count = options.sample.partition(":")
@@ -146,9 +153,11 @@ def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
     return kinds[kind](ranges, number, options.seed)
 
 
-def _asked(study: "Study", points: "AbstractPoints", options: argparse.Namespace) -> "dict[str, tuple[str, ...]]":
-    """The further metrics and the derivatives that the options ask for."""
-    from ..sweeps import FURTHER, changes_a_sweep, driven_record, sweepable
+def _further_columns(
+    study: "Study", base: "Record", points: "AbstractPoints", options: argparse.Namespace
+) -> dict[str, tuple[str, ...]]:
+    """The further metrics and the derivatives that the options ask for, as `sweep` takes them."""
+    from ..sweeps import FURTHER, changes_a_sweep, sweepable
 
     named = lambda text: tuple(part.strip() for part in text.split(",") if part.strip())
     metrics = named(options.metrics)
@@ -157,26 +166,26 @@ def _asked(study: "Study", points: "AbstractPoints", options: argparse.Namespace
         known = {*study.parameters, *points.paths}
         lacks = {"multiplier": options.cycles != "steady", "output_force": "stop.stiffness" not in known}
         metrics = tuple(name for name in FURTHER if not lacks.get(name, False))
-    legal = sweepable(study, driven_record(study, options.record))
+    legal = sweepable(study, base)
     every = tuple(path for path in study.parameters if path in legal and changes_a_sweep(path, study, metrics))
     derivatives = () if options.derivatives is None else named(options.derivatives) or every
     return {"metrics": metrics, "derivatives": derivatives}
 
 
 def _about_the_estimate(
-    study: "Study", points: "AbstractPoints", options: argparse.Namespace
+    study: "Study", base: "Record", points: "AbstractPoints", options: argparse.Namespace
 ) -> "tuple[AbstractPoints, str]":
     """The points crossed with draws about the estimate, or with its sigma points; and the error model of these."""
     import numpy as np
 
     from ..files import read_covariance, read_draws
     from ..study import paths_in
-    from ..sweeps import CovarianceDraws, Crossed, GivenDraws, SigmaPoints, driven_record, sweepable
+    from ..sweeps import CovarianceDraws, Crossed, GivenDraws, SigmaPoints, sweepable
 
     if options.estimate is None:
         raise InputError("option --bands: found no --estimate, expected the estimate.json that says what is known.")
-    base, kept = driven_record(study, options.record), options.bands in ("bootstrap", "posterior")
-    here = study.as_in(base)
+    kept = options.bands in ("bootstrap", "posterior")
+    here = study.for_record(base)
     legal, values = sweepable(here, base), here.values()
     if kept:
         (names, told), errors = read_draws(options.estimate, options.bands), options.bands
@@ -208,45 +217,14 @@ def _store(options: argparse.Namespace) -> "SweepStore | None":
     return SweepStore(place, options.resume, options.overwrite)
 
 
-@contextlib.contextmanager
-def _kept_in(store: "SweepStore | None") -> Iterator[None]:
-    """Say where the points are that were done if what follows is interrupted."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        if store is not None:
-            kept = f"the points that were done are in {store.place}; go on with --resume"
-            print(f"pdssjax: {kept}", file=sys.stderr, flush=True)
-        raise
-    except OSError as error:
-        if store is None:
-            raise
-        kept = ""
-        if store.place.exists():
-            kept = "; the points that were done are there: make room and go on with --resume"
-        raise _Unwritable(f"{store.place}: cannot be written ({error.strerror or error}){kept}.") from None
-
-
-def _executor(address: str | None) -> "AbstractContextManager[tuple[Executor | None, int | None]]":
-    """The executor of the Dask scheduler at `address` and its number of threads; none without an address."""
-    from ..sweeps import cluster_executor
-
-    return contextlib.nullcontext((None, None)) if address is None else cluster_executor(address)
-
-
-def _explain(
-    study: "Study", points: "AbstractPoints", options: argparse.Namespace, asked: "dict[str, tuple[str, ...]]"
-) -> int:
+def _explain(study: "Study", points: "AbstractPoints", request: dict[str, Any], folder: Path) -> int:
     """Print how many points and how much room the sweep would take."""
     from ..files import bytes_needed, check_room
     from ..report.text import format_plan
     from ..sweeps import plan_sweep
 
-    metrics, derivatives = asked["metrics"], asked["derivatives"]
-    planned = plan_sweep(
-        study, points, record=options.record, cycles=options.cycles, metrics=metrics, derivatives=derivatives
-    )
-    check_room(planned.document, planned.plan, options.out)
+    planned = plan_sweep(study, points, **request)
+    check_room(planned.document, planned.plan, folder)
     say(format_plan(planned, bytes_needed(planned.document, planned.plan)), end="")
     return 0
 
@@ -260,19 +238,18 @@ def _axis(text: str) -> tuple[str, str]:
     return path.strip(), values
 
 
-def _sweep_border(study: "Study", texts: Mapping[str, str], options: argparse.Namespace) -> int:
+def _sweep_border(study: "Study", base: "Record", texts: Mapping[str, str], options: argparse.Namespace) -> int:
     """Find the border, write it and print it; `texts` are the axes as they were written, by path."""
     from ..files import write_border
     from ..report.text import format_border
-    from ..sweeps import METRICS, driven_record, find_border, sweepable, sweepable_choices
+    from ..sweeps import METRICS, find_border, sweepable, sweepable_choices
 
-    base = driven_record(study, options.record)
     legal, words = sweepable(study, base), sweepable_choices(base)
     path, tolerance = _named_number("--border", options.border, "drive.voltage=0.2 V")
     metric, level = _named_number("--border-at", options.border_at, "efficiency=0.01")
     if metric not in METRICS:
         raise InputError(f'option --border-at: found the unknown metric "{metric}"; {nearest(metric, METRICS)}')
-    ends, coarse = _along(path, texts, legal)
+    ends, coarse = _border_range(path, texts, legal)
     over = {other: read_axis(other, text, legal, words) for other, text in texts.items() if other != path}
     near = read_number(tolerance, unit_of(path, legal), "option --border", above=0.0)
     passed = read_number(level, METRICS[metric].unit.replace("1", ""), "option --border-at")
@@ -296,14 +273,16 @@ def _sweep_border(study: "Study", texts: Mapping[str, str], options: argparse.Na
     return say_where(written, f"Results are in {options.out}")
 
 
-def _check_alone(options: argparse.Namespace) -> None:
+def _check_border_options(options: argparse.Namespace) -> None:
     """**Raises** `InputError` for options that do not go with --border."""
     for name in _WITHOUT:
         if getattr(options, name) not in (None, "", False):
             raise InputError(f"option --border: found with --{name}, expected without: it is looked for by halving.")
 
 
-def _along(path: str, texts: Mapping[str, str], legal: "Mapping[str, Quantity]") -> tuple[tuple[float, float], int]:
+def _border_range(
+    path: str, texts: Mapping[str, str], legal: "Mapping[str, Quantity]"
+) -> tuple[tuple[float, float], int]:
     """The ends [SI] of the range of `path`, and how many values of it are looked at first."""
     if path not in texts:
         raise InputError(f'option --border: found no range for "{path}", expected one such as --vary "{path}=FROM:TO".')

@@ -6,6 +6,7 @@ Room for steps is what an integration costs most, so there is as much of it as t
 without output.  Numbers that need more are given more, which compiles anew; those that do not keep what they had.
 """
 
+import itertools
 import math
 import threading
 from collections.abc import Mapping
@@ -30,7 +31,7 @@ from ..study import (
     Values,
     cycles_a_second,
     drive_with,
-    under_conditions,
+    paths_in,
     with_room,
 )
 from .settings import Settings, study_at
@@ -134,13 +135,11 @@ def drawn_samples(record: Record) -> Int[np.ndarray, " drawn"]:
     if size <= DRAWN:
         return np.arange(size)
     edges = np.linspace(0, size, DRAWN // 2 + 1).astype(int)
-    ends = [(begin + part.argmin(), begin + part.argmax()) for begin, part in _parts(record, edges)]
-    return np.unique(np.concatenate([[0, size - 1], np.ravel(ends)]))
-
-
-def _parts(record: Record, edges: Int[np.ndarray, " edges"]) -> list[tuple[int, Float[np.ndarray, " part"]]]:
-    pairs = zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
-    return [(begin, record.measured[begin:end]) for begin, end in pairs]
+    extremes = [0, size - 1]
+    for begin, end in itertools.pairwise(edges.tolist()):
+        part = record.measured[begin:end]
+        extremes += [begin + part.argmin(), begin + part.argmax()]
+    return np.unique(extremes)
 
 
 Tree = TypeVar("Tree")
@@ -202,11 +201,11 @@ class LiveRecord:
 
     def run_at_once(self, record: Record, values: Values, instants: Float[np.ndarray, " k"]) -> Observation | None:
         """Predict as `run` does, but return None where something would have to be compiled."""
-        segments = self._segments_of(record)
+        segments = self._segments(record) if self._closed else 0
         for room in self._rooms:
             if room.segments >= segments:
                 found = self._observed(record, values, instants, room)
-                if int(found.failure) != OUT_OF_STEPS or room.steps >= self._most(record).max_steps:
+                if int(found.failure) != OUT_OF_STEPS or room.steps >= self._full_accuracy(record).max_steps:
                     return found
         return None
 
@@ -216,11 +215,7 @@ class LiveRecord:
         found = observed(self.setup, self.models, run, numbers, instants, accuracy, room.segments)
         return jax.tree.map(np.asarray, found)
 
-    def _segments_of(self, record: Record) -> int:
-        """How many segments of its drive a record reaches into; 0 where nothing depends on it."""
-        return self._segments_within(record) if self._closed else 0
-
-    def _segments_within(self, record: Record) -> int:
+    def _segments(self, record: Record) -> int:
         """How many segments of its drive a record reaches into.
 
         **Raises:** `InputError` where they are too many to be shown.
@@ -233,16 +228,16 @@ class LiveRecord:
             )
         return segments
 
-    def _most(self, record: Record) -> Accuracy:
+    def _full_accuracy(self, record: Record) -> Accuracy:
         """Accuracy with capacity for all steps that a record may take."""
-        segments = self._segments_within(record)
+        segments = self._segments(record)
         return with_room(
             Accuracy(ACCURACY, ACCURACY), self.setup, self.models, _power_of_two(segments), float(record.time[-1])
         )
 
     def _run_of(self, record: Record, values: Values) -> tuple[Run, dict[str, Float[np.ndarray, ""]]]:
         """The run of the record, and the numbers of the parameters that hold in it."""
-        numbers = {path: float(n) for path, n in _here(record, values).items()}
+        numbers = {base: float(values[path]) for base, path in paths_in(values, record.conditions).items()}
         drive = None if record.drive is None else drive_with(record, numbers)
         motion = None if record.motion is None else jnp.asarray(record.motion)
         run = Run(_as_arrays(drive), jnp.asarray(record.time), motion)
@@ -251,19 +246,13 @@ class LiveRecord:
     def _plan(self, record: Record, values: Values) -> _Room:
         """Add a larger room, in which the record can be predicted at the `values`."""
         run, numbers = self._run_of(record, values)
-        segments = _power_of_two(2 * self._segments_of(record)) if self._closed else 0
-        most = self._most(record)
+        segments = _power_of_two(2 * self._segments(record)) if self._closed else 0
+        most = self._full_accuracy(record)
         steps = 0 if self._closed else int(steps_taken(self.setup, self.models, run, numbers, most))
         known = max((room.steps for room in self._rooms), default=0)
         room = _Room(min(most.max_steps, _power_of_two(max(_FEWEST, known + 1, _SPARE * steps))), segments)
         self._rooms = sorted({*self._rooms, room})
         return room
-
-
-def _here(record: Record, values: Values) -> Values:
-    if not any("@" in path for path in values):
-        return values
-    return under_conditions(values, dict.fromkeys(record.conditions, True))
 
 
 def _as_arrays(tree: Tree) -> Tree:
@@ -335,10 +324,6 @@ class LiveRecords:
         finally:
             lock.release()
         return None if found is None else redraw(record, found, instants)
-
-    def score(self, name: str, settings: Settings, instants: Float[np.ndarray, " k"]) -> Score:
-        """How well the record `name` is predicted at the numbers of `settings`."""
-        return self.redraw(name, settings, instants).score
 
     def _at(self, name: str, settings: Settings) -> Record:
         return next(record for record in study_at(self.study, settings).records if record.name == name)

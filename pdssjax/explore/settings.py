@@ -133,13 +133,12 @@ def parameter_knobs(study: Study) -> list[Knob]:
 
     **Raises:** `InputError` that names the parameters without a number.
     """
-    return [_of_parameter(study, path, number) for path, number in study.values().items()]
-
-
-def _of_parameter(study: Study, path: str, number: float) -> Knob:
-    parameter = study.parameters[path]
-    found = slider_range(parameter.quantity, number, parameter.low, parameter.high)
-    return Knob(path, parameter.quantity, found, parameter.free, True)
+    knobs = []
+    for path, number in study.values().items():
+        parameter = study.parameters[path]
+        ends = slider_range(parameter.quantity, number, parameter.low, parameter.high)
+        knobs.append(Knob(path, parameter.quantity, ends, parameter.free, True))
+    return knobs
 
 
 def drive_knobs(study: Study, record: Record) -> list[Knob]:
@@ -191,10 +190,6 @@ class Settings:
     drives: Mapping[str, Mapping[str, float]]
     """Parameters of each record's drive, by the record's name and then by path, such as "drive.voltage"."""
 
-    def with_value(self, path: str, number: float) -> "Settings":
-        """The settings with another number [SI] of a parameter."""
-        return dataclasses.replace(self, values={**self.values, path: number})
-
     def with_values(self, values: Mapping[str, float]) -> "Settings":
         """The settings with other numbers [SI] of some parameters; unknown paths are ignored."""
         known = {path: float(number) for path, number in values.items() if path in self.values}
@@ -233,7 +228,7 @@ def study_at(study: Study, settings: Settings) -> Study:
         for path, p in study.parameters.items()
     }
     changed = changed_drives(study, settings)
-    records = tuple(_driven(study, record, changed.get(record.name, {})) for record in study.records)
+    records = tuple(_with_drive_numbers(study, record, changed.get(record.name, {})) for record in study.records)
     return dataclasses.replace(study, parameters=parameters, records=records)
 
 
@@ -244,7 +239,7 @@ def to_be_fitted(study: Study, settings: Settings) -> Study:
     return dataclasses.replace(there, parameters=there.parameters | apart)
 
 
-def _driven(study: Study, record: Record, numbers: Mapping[str, float]) -> Record:
+def _with_drive_numbers(study: Study, record: Record, numbers: Mapping[str, float]) -> Record:
     """`record` with other numbers of its drive, which override the study's."""
     if record.drive is None or not numbers:
         return record

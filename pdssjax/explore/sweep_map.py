@@ -176,7 +176,7 @@ class PointSimulation:
 
     def __init__(self, study: Study, record: str | None):
         self.record = driven_record(study, record)
-        self.study = study.as_in(self.record)
+        self.study = study.for_record(self.record)
         self._live: LiveRecord | None = None
 
     def motion(self, numbers: Mapping[str, float]) -> PointMotion:
@@ -220,7 +220,7 @@ def small_map(study: Study, settings: Settings, report: Report, chosen: str) -> 
     voltage and frequency.
     """
     here = study_at(study, settings)
-    record = _driven(here, chosen)
+    record = _record_to_sweep(here, chosen)
     assert record.drive is not None
     numbers = record.drive.numbers()
     if not {"voltage", "frequency"} <= set(numbers):
@@ -241,7 +241,7 @@ def small_map(study: Study, settings: Settings, report: Report, chosen: str) -> 
     )
 
 
-def _driven(study: Study, chosen: str) -> Record:
+def _record_to_sweep(study: Study, chosen: str) -> Record:
     try:
         return driven_record(study, chosen)
     except InputError:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
         friction_file as friction_file,
         write_friction_study as write_friction_study,
     )
-    from .guessed_record import NewRecord as NewRecord, Told as Told, guess_file as guess_file
+    from .guessed_record import NewRecord as NewRecord, RigOptions as RigOptions, guess_file as guess_file
     from .new_study import drive_of_samples as drive_of_samples, write_study as write_study
     from .plan_results import (
         REHEARSAL as REHEARSAL,

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ..core import InputError
 from ..metrics import detect_waveform
-from .channel_samples import Clock, find_channel, open_file, read_samples
+from .channel_samples import Clock, find_channel, name_or_number, open_file, read_samples
 from .readers.base import AbstractSource, Channel
 from .record_columns import Layout, scaled
 
@@ -86,38 +86,35 @@ def roles_of(file: Path, hints: Hints) -> Roles:
     reader = open_file(file, hints.decimal)
     channels = reader.channels()
     search = _RoleSearch(file, reader, channels, hints)
-    chosen: dict[str, Channel] = {}
-    guessed: set[str] = set()
-    clocked = hints.interval is not None or any(channel.interval for channel in channels)
     wanted: dict[str, Callable[[Channel], bool]] = {
         "time": search.increases,
         "voltage": search.is_a_drive,
         search.motion(): search.may_move,
     }
-    if clocked and "time" not in hints.columns:
+    if search.is_clocked() and "time" not in hints.columns:
         del wanted["time"]
     if hints.columns.get("voltage") == "none":
         del wanted["voltage"]
     faults: list[str] = []
     for quantity, shaped in wanted.items():
         try:
-            search.choose(quantity, chosen, guessed, shaped)
+            search.choose(quantity, shaped)
         except InputError as fault:
             # Of two channels, the answer to the first question tells the other one.
-            if not faults or len(channels) - len(chosen) > 2:
+            if not faults or len(channels) - len(search.chosen) > 2:
                 faults.append(str(fault))
     try:
-        search.check_units(chosen)
+        search.check_units()
     except InputError as fault:
         faults.append(str(fault))
     if faults:
         said = [faults[0], *(fault.removeprefix(f"{file}: ") for fault in faults[1:])]
-        taken = ", ".join(f'{c.number} ("{c.name}") for the {q}' for q, c in chosen.items() if q not in hints.columns)
+        taken = ", ".join(
+            f'{c.number} ("{c.name}") for the {q}' for q, c in search.chosen.items() if q not in hints.columns
+        )
         said += [f"took channel {taken}"] * bool(taken)
         raise InputError("; ".join(fault.removesuffix(".") for fault in said) + ".")
-    columns = {quantity: name_for_study(channel, channels) for quantity, channel in chosen.items()}
-    layout = Layout(columns, SI, hints.units, hints.scales, hints.interval, 0.0, hints.decimal)
-    return Roles(file, chosen, frozenset(guessed), layout)
+    return search.found()
 
 
 def friction_roles(file: Path, hints: Hints) -> Roles | None:
@@ -135,26 +132,21 @@ def friction_roles(file: Path, hints: Hints) -> Roles | None:
     if not pulls or (driven and "force" not in hints.columns):
         return None
     search = _RoleSearch(file, reader, channels, hints)
-    clocked = hints.interval is not None or any(channel.interval for channel in channels)
-    timed = not clocked and (has("time") or any(not c.unit and _called(c, "time") for c in channels))
-    chosen: dict[str, Channel] = {}
-    guessed: set[str] = set()
+    timed = not search.is_clocked() and (has("time") or any(not c.unit and _called(c, "time") for c in channels))
     motion = search.motion() if has("displacement") or has("velocity") else search.named_motion()
     for quantity in [*(["time"] * timed), "force", motion]:
-        search.choose(quantity, chosen, guessed, search.increases if quantity == "time" else search.may_move)
-    search.check_units(chosen)
-    columns = {q: name_for_study(chosen[q], channels) for q in [*(["time"] * timed), motion, "force"]}
-    layout = Layout(columns, SI, hints.units, hints.scales, hints.interval, 0.0, hints.decimal, needs_clock=False)
-    return Roles(file, chosen, frozenset(guessed), layout)
+        search.choose(quantity, search.increases if quantity == "time" else search.may_move)
+    search.check_units()
+    # A study names the motion of a contact before the force.
+    search.chosen["force"] = search.chosen.pop("force")
+    return search.found(needs_clock=False)
 
 
 def name_for_study(channel: Channel, channels: Sequence[Channel]) -> str | int:
     """The name of a channel where it has one of its own, else its number."""
     for name in (channel.name, channel.written):
-        if name and [c.name for c in channels].count(name) + [c.written for c in channels].count(name) <= 2:
-            same = [c for c in channels if name in (c.name, c.written)]
-            if same == [channel] and name != str(channel.number):
-                return name
+        if name and name != str(channel.number) and [c for c in channels if name in (c.name, c.written)] == [channel]:
+            return name
     return channel.number
 
 
@@ -183,6 +175,21 @@ class _RoleSearch:
     reader: AbstractSource
     channels: Sequence[Channel]
     hints: Hints
+    chosen: dict[str, Channel] = dataclasses.field(default_factory=dict)
+    """By quantity, its channel."""
+    guessed: set[str] = dataclasses.field(default_factory=set)
+    """Quantities whose channel no unit told."""
+
+    def found(self, needs_clock: bool = True) -> Roles:
+        """The roles of the channels that were chosen."""
+        columns = {quantity: name_for_study(channel, self.channels) for quantity, channel in self.chosen.items()}
+        given = self.hints
+        layout = Layout(columns, SI, given.units, given.scales, given.interval, 0.0, given.decimal, needs_clock)
+        return Roles(self.file, self.chosen, frozenset(self.guessed), layout)
+
+    def is_clocked(self) -> bool:
+        """Whether the file, or an option, tells the times without a channel of them."""
+        return self.hints.interval is not None or any(channel.interval for channel in self.channels)
 
     def motion(self) -> str:
         """What the file holds of a motion: a displacement, or where it has none, a velocity.
@@ -207,20 +214,16 @@ class _RoleSearch:
         )
 
     def named_motion(self) -> str:
-        """The same where no unit tells it: by name."""
+        """Which quantity of a motion the names of channels tell, where no unit does."""
         named = any(_called(channel, "velocity") for channel in self.channels)
         return "velocity" if named and not any(_called(c, "displacement") for c in self.channels) else "displacement"
 
-    def choose(
-        self, quantity: str, chosen: dict[str, Channel], guessed: set[str], shaped: Callable[[Channel], bool]
-    ) -> None:
-        """Put the channel of a `quantity` into `chosen`, and where no unit told it, into `guessed`."""
+    def choose(self, quantity: str, shaped: Callable[[Channel], bool]) -> None:
+        """Choose the channel of a `quantity`, one that is `shaped` like it where no unit tells which."""
         if given := self.hints.columns.get(quantity):
-            chosen[quantity] = find_channel(
-                self.reader, self.file, self.channels, int(given) if given.isdecimal() else given
-            )
+            self.chosen[quantity] = find_channel(self.reader, self.file, self.channels, name_or_number(given))
             return
-        left = [channel for channel in self.channels if channel not in chosen.values()]
+        left = [channel for channel in self.channels if channel not in self.chosen.values()]
         fitting = [channel for channel in left if self._may_be(channel, quantity)]
         named = [channel for channel in fitting if _called(channel, quantity)]
         if len(fitting) > 1 and quantity == "voltage":
@@ -228,7 +231,7 @@ class _RoleSearch:
             named = named if len([channel for channel in fitting if shaped(channel)]) < 2 else []
         for candidates in (fitting, named):
             if len(candidates) == 1:
-                chosen[quantity] = candidates[0]
+                self.chosen[quantity] = candidates[0]
                 return
         # Without units, or with several that fit, the shapes decide, and names.
         told = {channel for channel in left if channel.unit and not channel.letter} - set(fitting)
@@ -236,8 +239,8 @@ class _RoleSearch:
         by_name = [channel for channel in shapes if not fitting and _called(channel, quantity)]
         for candidates in (shapes, by_name):
             if len(candidates) == 1:
-                chosen[quantity] = candidates[0]
-                guessed.add(quantity)
+                self.chosen[quantity] = candidates[0]
+                self.guessed.add(quantity)
                 return
         self._ask(quantity, shapes, left)
 
@@ -257,19 +260,19 @@ class _RoleSearch:
             f"expected --{quantity} with a name or a number{more}."
         )
 
-    def check_units(self, chosen: Mapping[str, Channel]) -> None:
+    def check_units(self) -> None:
         """Ask for the units that neither the file nor an option tells."""
         missing = [
             quantity
-            for quantity, channel in chosen.items()
+            for quantity, channel in self.chosen.items()
             if not (channel.unit or quantity in self.hints.units or quantity in self.hints.scales)
         ]
         if missing:
-            told = ", ".join(f'the {q} in channel {chosen[q].number} ("{chosen[q].name}")' for q in missing)
+            told = ", ".join(f'the {q} in channel {self.chosen[q].number} ("{self.chosen[q].name}")' for q in missing)
             usual = SI | {"displacement": "um", "velocity": "mm/s"}
             options = " ".join(f"--unit {q}={usual[q]}" for q in missing)
             raise InputError(f"{self.file}: found no unit of {told}, expected options such as {options}.")
-        for quantity, channel in chosen.items():
+        for quantity, channel in self.chosen.items():
             here = channel._replace(letter=False)
             if channel.unit and quantity not in self.hints.units and not self._may_be(here, quantity):
                 example = _example_of_scale(quantity, here)

@@ -145,6 +145,11 @@ def list_channels(file: Path, decimal: str = "") -> tuple[str, list[ChannelSumma
     return reader.kind.replace("-", " "), found
 
 
+def name_or_number(given: str) -> str | int:
+    """What an option says of a channel, as a number where it is one."""
+    return int(given) if given.isdecimal() else given
+
+
 def find_channel(reader: AbstractSource, file: Path, channels: Sequence[Channel], given: str | int) -> Channel:
     """The channel that is `given` by its name or its number.
 
@@ -176,7 +181,7 @@ def find_channel(reader: AbstractSource, file: Path, channels: Sequence[Channel]
 
 
 def read_samples(
-    reader: AbstractSource, file: Path, numbers: Sequence[int], clock: Clock, window: tuple[float, float] | None = None
+    reader: AbstractSource, file: Path, numbers: Sequence[int], clock: Clock, window: tuple[float, float] | None
 ) -> Samples:
     """Samples of the channels with these `numbers`, those within the `window` [s] where one is given.
 
@@ -199,7 +204,7 @@ def read_samples(
             _check_times(reader, file, clock.number, before, time, block.places)
             begin = float(time[0]) if done == 0 else begin
         done += len(block.places)
-        filled = _filled(time, before)
+        filled = _carry_forward(time, before)
         keep = (filled >= low) & (filled <= high) if window else slice(None)
         columns = [wanted.index(number) for number in numbers]
         kept.append((time[keep], block.values[keep][:, columns], block.places[keep]))
@@ -213,7 +218,7 @@ def read_samples(
     return Samples(time, values, places, begin, float(before))
 
 
-def _filled(time: Float[np.ndarray, " samples"], before: float) -> Float[np.ndarray, " samples"]:
+def _carry_forward(time: Float[np.ndarray, " samples"], before: float) -> Float[np.ndarray, " samples"]:
     """The times, where there is none with the last one there was."""
     known = np.isfinite(time)
     if known.all():

@@ -10,12 +10,12 @@ from jaxtyping import Float
 
 from ..core import InputError, display_unit
 from ..metrics import SI_UNITS, Characterisation, characterisation_of
-from .channel_samples import list_channels, open_file
+from .channel_samples import list_channels, name_or_number, open_file
 from .json_text import json_text
 from .readers.base import Channel
 from .record_columns import Layout, read_columns
 from .record_results import file_stems
-from .results_folder import staging_folder
+from .results_folder import staging_folder, write_text
 
 _CLOCKS = ("t", "s", "in s", "second", "seconds", "x-axis", "zeit", "source")
 """Names that instruments give the column of the times, if not time."""
@@ -66,21 +66,21 @@ def _choose(
     clock = _clock(file, named["time"], channels, decimal)
     for measures in SI_UNITS:
         if name := named[measures]:
-            return measures, {**clock, measures: _plain(name)}
+            return measures, {**clock, measures: name_or_number(name)}
     others = [channel for channel in channels if channel.number not in clock.values()]
     for measures, unit in SI_UNITS.items():
         fitting = [channel for channel in others if channel.measures(unit)]
         preferred = [channel for channel in fitting if any(sign in channel.name.lower() for sign in _SIGNS[measures])]
         if fitting:
-            column = fitting[0] if len(fitting) == 1 else _only(file, preferred or fitting, measures, channels)
+            column = fitting[0] if len(fitting) == 1 else _choose_one(file, preferred or fitting, measures, channels)
             return measures, {**clock, measures: column.number}
-    return "displacement", {**clock, "displacement": _only(file, [], "displacement", channels).number}
+    return "displacement", {**clock, "displacement": _choose_one(file, [], "displacement", channels).number}
 
 
 def _clock(file: Path, named: str | None, channels: Sequence[Channel], decimal: str) -> dict[str, str | int]:
     """The column of the times; none where the file keeps a clock."""
     if named:
-        return {"time": _plain(named)}
+        return {"time": name_or_number(named)}
     if any(channel.interval is not None for channel in channels):
         return {}
     fitting = [c for c in channels if c.name.rpartition("/")[2].lower().startswith(("time", "t_"))]
@@ -89,15 +89,10 @@ def _clock(file: Path, named: str | None, channels: Sequence[Channel], decimal: 
     if not fitting:
         found = {summary.number for summary in list_channels(file, decimal)[1] if summary.step and not summary.uneven}
         fitting = [channel for channel in channels if channel.number in found and not channel.unit]
-    return {"time": _only(file, fitting, "time", channels).number}
+    return {"time": _choose_one(file, fitting, "time", channels).number}
 
 
-def _plain(name: str) -> str | int:
-    """A column's number where a name is one."""
-    return int(name) if name.isdecimal() else name
-
-
-def _only(file: Path, fitting: Sequence[Channel], quantity: str, channels: Sequence[Channel]) -> Channel:
+def _choose_one(file: Path, fitting: Sequence[Channel], quantity: str, channels: Sequence[Channel]) -> Channel:
     if len(fitting) == 1:
         return fitting[0]
     found = f"{len(fitting)} columns that may be the {quantity}" if fitting else f"no column that tells the {quantity}"
@@ -135,13 +130,8 @@ def _read(
             f"{window[1] if window else 0:g} s, "
             f"expected some of the record's {read.begin:g} s to {read.end:g} s."
         )
-    name = read.channels[measures].name
-    if np.all(values == values[0]):
-        raise InputError(
-            f'{file}: column "{name}": found the same {measures} in all {len(time)} samples, '
-            "expected a record that moves."
-        )
-    return time, values, name
+    read.check_moves(measures, values)
+    return time, values, read.channels[measures].name
 
 
 CHARACTERISATION_FORMAT = "pdssjax-characterisation/1"
@@ -151,14 +141,14 @@ def write_characterisations(found: Sequence[Characterisation], folder: Path) -> 
     """Put `characterise.json`, `cycles.csv` and a plot of each record into `folder`, in place of older results."""
     from ..report.figures import cycle_figure, save_figure
 
-    stems = file_stems(found)
+    stems = file_stems(one.name for one in found)
     with staging_folder(folder) as staging:
         (staging / "plots").mkdir()
         for stem, record in zip(stems, found, strict=True):
             save_figure(cycle_figure(record), staging / "plots" / f"{stem}.png")
         _write_cycles(dict(zip(stems, found, strict=True)), staging / "cycles.csv")
         document = {"format": CHARACTERISATION_FORMAT, "records": [_record_document(record) for record in found]}
-        (staging / "characterise.json").write_text(json_text(document), encoding="utf-8", errors="backslashreplace")
+        write_text(staging / "characterise.json", json_text(document))
 
 
 def _write_cycles(found: dict[str, Characterisation], file: Path) -> None:

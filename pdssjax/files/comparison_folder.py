@@ -20,7 +20,7 @@ from ..selection import EFFORT, Candidate, Comparison, FittedCandidate, compare_
 from ..study import Estimate, Study
 from .estimate_results import write_essentials
 from .json_text import json_text
-from .results_folder import CANDIDATES, reserved_folder, staging_folder, write_whole
+from .results_folder import CANDIDATES, reserved_folder, staging_folder, write_text, write_whole
 
 FORMAT, CANDIDATE_FORMAT = "pdssjax-comparison/1", "pdssjax-candidate/1"
 
@@ -135,14 +135,14 @@ _ARRAYS = "residuals", "held_out"
 def _write(file: Path, digest: str, fitted: FittedCandidate) -> None:
     """Write a candidate into its file."""
     plain = {f.name: getattr(fitted, f.name) for f in dataclasses.fields(fitted) if f.name not in _ARRAYS}
-    document = json.dumps({"format": CANDIDATE_FORMAT, "digest": digest, **plain}, default=_plain)
+    document = json.dumps({"format": CANDIDATE_FORMAT, "digest": digest, **plain}, default=_json_value)
     arrays = {f"{name}_{k}": array for name in _ARRAYS for k, array in enumerate(getattr(fitted, name))}
     content = io.BytesIO()
     np.savez(content, document=np.array(document), **arrays)
     write_whole(file, content.getvalue())
 
 
-def _plain(value: object) -> object:
+def _json_value(value: object) -> object:
     if isinstance(value, np.generic):
         return value.item()
     return dict(value)  # pyright: ignore[reportArgumentType, reportCallIssue]
@@ -169,18 +169,14 @@ def write_selection(found: Comparison, folder: Path, commands: Sequence[str] = (
     """
     from ..report.figures import residual_strips_figure, save_figure, selection_figure
 
+    versions = ", ".join(f"{name} {version}" for name, version in installed_versions().items())
     with staging_folder(folder, _RESULTS) as staging:
-        (staging / "comparison.txt").write_text(format_selection(found), encoding="utf-8", errors="backslashreplace")
+        write_text(staging / "comparison.txt", format_selection(found))
         if found.chosen:
             save_figure(selection_figure(found), staging / "comparison.png")
             save_figure(residual_strips_figure(found), staging / "residuals.png")
-        write_page(staging / "comparison.html", comparison_page(found, _versions(), commands))
-        (staging / "comparison.json").write_text(comparison_text(found), encoding="utf-8", errors="backslashreplace")
-
-
-def _versions() -> list[str]:
-    """A sentence on the versions that computed it."""
-    return [f"Computed with {', '.join(f'{name} {version}' for name, version in installed_versions().items())}."]
+        write_page(staging / "comparison.html", comparison_page(found, [f"Computed with {versions}."], commands))
+        write_text(staging / "comparison.json", comparison_text(found))
 
 
 def comparison_text(found: Comparison) -> str:

@@ -257,12 +257,12 @@ def _write_posterior(draws: Draws, units: dict[str, str], file: Path) -> None:
         # Without groups, which the older format has not; ArviZ takes the dataset once xarray has opened it.
         posterior.to_netcdf(file, engine="scipy")
         return
-    numbers = {name: (("chain", "draw"), _plain(values)) for name, values in draws.statistics.items()}
+    numbers = {name: (("chain", "draw"), _storable(values)) for name, values in draws.statistics.items()}
     statistics = xarray.Dataset(numbers, coordinates, about)
     tree = xarray.DataTree.from_dict({"/posterior": posterior, "/sample_stats": statistics})
     tree.to_netcdf(file, engine="h5netcdf")
 
 
-def _plain(values: np.ndarray) -> np.ndarray:
+def _storable(values: np.ndarray) -> np.ndarray:
     """A type that every reader of the format knows: truth values as they are in ArviZ's own files."""
     return np.asarray(values, np.int8) if values.dtype == bool else values

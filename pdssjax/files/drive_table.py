@@ -94,11 +94,11 @@ def rest_before(
     if isinstance(drive, ZeroOrderHold):
         # In whole intervals, so that the stairs fall where they did.
         held = float(np.ceil(held / drive.interval)) * float(drive.interval)
-        return dataclasses.replace(drive, drive=_held(inner, held)), held, float(volts[0])
-    return _held(inner, held), held, float(volts[0])
+        return dataclasses.replace(drive, drive=_with_rest(inner, held)), held, float(volts[0])
+    return _with_rest(inner, held), held, float(volts[0])
 
 
-def _held(drive: Sampled, time: float) -> Sampled:
+def _with_rest(drive: Sampled, time: float) -> Sampled:
     """The drive with its first voltage held for `time` [s] before its first sample."""
     return dataclasses.replace(drive, times=np.asarray(drive.times) + time)
 
@@ -114,7 +114,7 @@ def _of_samples(record: Table, drive: Sampled) -> tuple[Sampled, float]:
             raise InputError(
                 f"{where}: found {held:g} s, expected a time above 0, or 0 s of a voltage that sets in at t = 0."
             )
-        return _held(drive, held), held
+        return _with_rest(drive, held), held
     table = record.table("conditioning", _EXPECTED)
     table.only(["cycles", "period"])
     count = table.whole("cycles", f"a number of cycles from 1 to {_MOST}", most=_MOST)
@@ -241,7 +241,7 @@ def _smoothed(table: Table, time: Float[np.ndarray, " n"], voltage: Float[np.nda
 
 
 def _layout(table: Table, record: Table, column: str | int) -> Layout:
-    """Where the voltages are: the drive's table says it, and what it leaves out the record's."""
+    """Columns, units and clock of the voltages: by the drive's table, or where it leaves them out the record's."""
     elsewhere = record.table("units", "a table of units", {})
     written = {"voltage": (elsewhere, "voltage"), "time": (elsewhere, "time")}
     if "unit" in table.entries:

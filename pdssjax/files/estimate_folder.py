@@ -127,7 +127,7 @@ def _records(entries: Sequence[Document], folder: Path) -> tuple[FittedRecord, .
     """The records, with their samples from the files of the `folder`."""
     records = tuple(map(_record, entries))
     read = []
-    for record, entry, stem in zip(records, entries, file_stems(records), strict=True):
+    for record, entry, stem in zip(records, entries, file_stems(record.name for record in records), strict=True):
         file = folder / f"{stem}.csv"
         read.append(_with_samples(record, file, _numbers(entry.get("outliers", ()))) if file.exists() else record)
     return tuple(read)

@@ -19,7 +19,7 @@ from ..study import Draws, Estimate, FittedParameter, FittedRecord, Study
 from .draws_file import write_draws
 from .json_text import Plain, json_text
 from .record_results import file_stems, write_records
-from .results_folder import staging_folder
+from .results_folder import staging_folder, write_text
 from .toml_table import Table
 
 
@@ -129,7 +129,7 @@ def read_covariance(file: Path) -> KnownParameters:
     """
     document = read_estimate(file)
     try:
-        names, covariance, errors = _believed(document)
+        names, covariance, errors = _trusted_covariance(document)
         known = np.flatnonzero(np.isfinite(np.diag(covariance))) if names else np.zeros(0, int)
         found = KnownParameters(tuple(names[i] for i in known), covariance[np.ix_(known, known)], errors)
     except (KeyError, IndexError, TypeError, ValueError, OverflowError):
@@ -142,7 +142,7 @@ def read_covariance(file: Path) -> KnownParameters:
     return found
 
 
-def _believed(document: Document) -> tuple[list[str], Float[np.ndarray, "p p"], str]:
+def _trusted_covariance(document: Document) -> tuple[list[str], Float[np.ndarray, "p p"], str]:
     """Names and covariance by the error model to believe, and that model; NaN where the records determine nothing."""
     names, matrix, errors = document["covariance"]["names"], document["covariance"]["matrix"], "standard"
     advised, by_model = document.get("error_advice"), document.get("covariances", {})
@@ -162,7 +162,7 @@ def estimate_text(estimate: Estimate) -> str:
 
 def estimate_document(estimate: Estimate) -> Document:
     """The content of `estimate.json`, in SI."""
-    plain = lambda names: {name: _plain(getattr(estimate, name)) for name in names.split()}
+    plain = lambda names: {name: _plain_data(getattr(estimate, name)) for name in names.split()}
     return {
         "format": FORMAT,
         **plain("title actuator method loss effort solver minimiser converged explained unexplained_by message"),
@@ -178,19 +178,19 @@ def estimate_document(estimate: Estimate) -> Document:
     }
 
 
-def _plain(value: Plain) -> Plain:
+def _plain_data(value: Plain) -> Plain:
     """A result's value with what its fields hold in place of each class of ours."""
     if dataclasses.is_dataclass(value):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     elif isinstance(value, tuple) and hasattr(value, "_asdict"):
         value = value._asdict()  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
-    return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
+        return {key: _plain_data(entry) for key, entry in value.items()}
+    return [_plain_data(entry) for entry in value] if isinstance(value, tuple) else value
 
 
 def _parameter_document(parameter: FittedParameter, method: str) -> Document:
-    told: Document = _plain(parameter) | {"interval_at_bound": parameter.interval_at_bound}
+    told: Document = _plain_data(parameter) | {"interval_at_bound": parameter.interval_at_bound}
     told["informed"], told["interval_verdicts"] = told.pop("identifiable"), told.pop("verdicts")
     left_out = {"path"} | {key for key in ("interval_verdicts", "measured_apart", "errors") if not told[key]}
     if method == "joint":
@@ -202,7 +202,7 @@ def _record_document(record: FittedRecord) -> Document:
     keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures largest_error "
     keys += "noise_estimated noise_floor chi2 reduced_chi2 frequency excitation file"
     told: Document = {key: getattr(record, key) for key in keys.split()} | record.words
-    return told | {"outliers": record.time[record.outliers], "lack_of_fit": _plain(record.lack_of_fit)}
+    return told | {"outliers": record.time[record.outliers], "lack_of_fit": _plain_data(record.lack_of_fit)}
 
 
 def _draws_document(draws: Draws | None) -> Document | None:
@@ -212,7 +212,7 @@ def _draws_document(draws: Draws | None) -> Document | None:
     chains, each, _ = draws.values.shape
     keys = "kind description names failed failure seed".split()
     document = {key: getattr(draws, key) for key in keys} | {"chains": chains, "draws": each}
-    return document | {"parameters": {drawn.path: _plain(drawn) for drawn in draws.parameters}}
+    return document | {"parameters": {drawn.path: _plain_data(drawn) for drawn in draws.parameters}}
 
 
 def write_estimate(estimate: Estimate, folder: Path) -> None:
@@ -245,7 +245,7 @@ def write_estimate(estimate: Estimate, folder: Path) -> None:
         if estimate.amplification is not None:
             save_figure(amplification_figure(estimate.amplification), staging / "plots" / "amplification.png")
         (staging / "plots" / "residuals").mkdir()
-        for stem, record in zip(file_stems(estimate.records), estimate.records, strict=True):
+        for stem, record in zip(file_stems(record.name for record in estimate.records), estimate.records, strict=True):
             if record.role == "fit" and record.simulated:
                 save_figure(residual_split_figure(record), staging / "plots" / "residuals" / f"{stem}.png")
 
@@ -257,8 +257,8 @@ def write_essentials(estimate: Estimate, folder: Path) -> None:
 
 
 def _write_essentials(estimate: Estimate, staging: Path) -> None:
-    (staging / "estimate.json").write_text(estimate_text(estimate), encoding="utf-8", errors="backslashreplace")
-    (staging / "report.txt").write_text(format_report(estimate), encoding="utf-8", errors="backslashreplace")
+    write_text(staging / "estimate.json", estimate_text(estimate))
+    write_text(staging / "report.txt", format_report(estimate))
 
 
 def write_comparison(estimates: Sequence[Estimate], folder: Path) -> None:
@@ -269,7 +269,5 @@ def write_comparison(estimates: Sequence[Estimate], folder: Path) -> None:
     from ..report.figures import comparison_figure, save_figure
 
     with staging_folder(folder) as staging:
-        (staging / "comparison.txt").write_text(
-            format_comparison(*estimates), encoding="utf-8", errors="backslashreplace"
-        )
+        write_text(staging / "comparison.txt", format_comparison(*estimates))
         save_figure(comparison_figure(estimates), staging / "comparison.png")

@@ -92,7 +92,7 @@ def _take(place: Path, about: Path, unfinished: str) -> None:
         if held is not None and (held.descriptor is None or _is_file_of(held.descriptor, place)):
             held.holders += 1
             return
-        anew = _locked(place, about, unfinished)
+        anew = _acquire(place, about, unfinished)
         if held is not None:
             # Its file was removed by somebody.
             anew = dataclasses.replace(anew, holders=held.holders + 1)
@@ -122,14 +122,14 @@ def _give_back(place: Path) -> None:
                 folder.rmdir()
 
 
-def _locked(place: Path, about: Path, unfinished: str) -> _Held:
+def _acquire(place: Path, about: Path, unfinished: str) -> _Held:
     """The lock, taken."""
     made = [folder for folder in place.parents if not folder.exists()]
     try:
         for _ in range(_TRIES):
             place.parent.mkdir(parents=True, exist_ok=True)
             with contextlib.suppress(FileNotFoundError):  # whoever had the folder has just removed it
-                descriptor = _opened(place)
+                descriptor = _open_file(place)
                 try:
                     _lock(descriptor)
                 except OSError as error:
@@ -157,7 +157,7 @@ def _busy(about: Path, holder: str) -> str:
     return f"{about}: found another pdssjax at work in it{who}, expected another folder, or that it has ended."
 
 
-def _opened(place: Path) -> int:
+def _open_file(place: Path) -> int:
     try:
         return os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
     except PermissionError:

@@ -1,6 +1,6 @@
 """What a user's file suggests for a record of a new study, and what its voltage leaves open of the drive.
 
-What the samples of a voltage leave open of a drive, as parameters of its record: fast flanks, the voltage itself.
+Fast flanks, and the voltage itself, are then parameters of the record.
 
 A sample or two on a flank, with noise, or none, tell how long it lasts and when it begins within bounds only; the
 motion tells the rest.  Taken for exact they bias all other parameters: the ringing after a step that is 20 us late is
@@ -21,35 +21,37 @@ from .channel_roles import Hints, Roles, roles_of
 from .record_columns import Columns, read_columns
 from .toml_table import quoted
 
-_RINGS = 2.5e-4
+_LONGEST_INTERVAL = 2.5e-4
 """Interval [s] up to which samples show the ringing after a flank, which tells when it was; beyond, a drive's start and
 a contact that is seen in aliases would be taken for each other."""
 
-_TOLD = 0.1
+_NEGLIGIBLE = 0.1
 """Part of a sample's noise below which what the voltage leaves open moves no sample."""
 
-_FELT = 1.0
+_LARGE_SHARE = 1.0
 """Part of what a motion's noise leaves open of its extent, from which what the voltage's noise leaves open counts."""
 
 _FLANK = {"step": "drive.rise_time", "sawtooth": "drive.fall_time", "cycloidal": "drive.fall_time"}
 """The parameter that is the duration of the fast flank, by waveform."""
 
 
-def is_open(guess: RecordGuess) -> bool:
+def has_open_flanks(guess: RecordGuess) -> bool:
     """Whether the motion of a record tells more of its drive's flanks than its voltage does."""
     wave, gain = guess.waveform, gain_of(guess)
     if wave.timing is None or guess.volts is None:
         return False
-    if wave.timing.errors is None and sampling_interval(guess) > _RINGS:
+    if wave.timing.errors is None and sampling_interval(guess) > _LONGEST_INTERVAL:
         return False
     shortest, longest, *_ = wave.timing
     moved = gain * abs(wave.numbers["voltage"]) * (longest - shortest) / max(longest, sampling_interval(guess))
-    return moved > _TOLD * guess.motion_noise
+    return moved > _NEGLIGIBLE * guess.motion_noise
 
 
-def is_unsure(guess: RecordGuess) -> bool:
+def has_uncertain_voltage(guess: RecordGuess) -> bool:
     """Whether the noise of the voltage leaves more open of how far a volt moves than that of the motion lets pass."""
-    return gain_of(guess) * guess.waveform.voltage_error > _FELT * guess.motion_noise / math.sqrt(guess.time.size)
+    return gain_of(guess) * guess.waveform.voltage_error > _LARGE_SHARE * guess.motion_noise / math.sqrt(
+        guess.time.size
+    )
 
 
 def condition_of(name: str) -> str:
@@ -58,7 +60,7 @@ def condition_of(name: str) -> str:
 
 
 def sampling_interval(guess: RecordGuess) -> float:
-    """[s]"""
+    """Time between samples [s], their mean."""
     return float((guess.time[-1] - guess.time[0]) / (guess.time.size - 1))
 
 
@@ -70,7 +72,7 @@ def early_start(guess: RecordGuess) -> float:
 def numbers_of(guess: RecordGuess) -> dict[str, float]:
     """The numbers of the drive; the voltage of a sawtooth whose fast flank is free follows from its slope."""
     numbers = dict(guess.waveform.numbers)
-    if is_open(guess):
+    if has_open_flanks(guess):
         lasts = numbers.pop(_FLANK[guess.waveform.name].partition(".")[2], 0.0)
         if guess.waveform.name == "sawtooth":
             numbers["voltage"] /= 1.0 - lasts * numbers["frequency"]
@@ -88,7 +90,7 @@ def open_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
 
 
 def _voltage_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
-    unsure = [(name, guess) for name, guess in named if is_unsure(guess)]
+    unsure = [(name, guess) for name, guess in named if has_uncertain_voltage(guess)]
     if not unsure:
         return []
     # A sweep, which belongs to no record, takes that of the first walk.
@@ -102,7 +104,7 @@ def _voltage_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
 
 
 def _flank_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
-    open_records = [(name, guess) for name, guess in named if is_open(guess)]
+    open_records = [(name, guess) for name, guess in named if has_open_flanks(guess)]
     if not open_records:
         return []
     lines = ['"sensor.delay" = { value = 0 }']
@@ -129,12 +131,12 @@ def _about(number: float, error: float) -> str:
     return f'{{ value = "{1e6 * number:.7g} us", standard_error = "{1e6 * error:.3g} us" }}'
 
 
-_FEW = 0.05
+_MOST_GAPS = 0.05
 """Part of a record's samples that may be no numbers, and are excluded."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Told:
+class RigOptions:
     """The user's options on the rig and on all records."""
 
     peak: float | None = None
@@ -152,38 +154,38 @@ class NewRecord:
     name: str
     roles: Roles
     guess: RecordGuess
-    measures_told: bool = False
+    measures_given: bool = False
     """Whether the measurement was given, and not guessed."""
-    without: tuple[tuple[float, float], ...] = ()
+    gaps: tuple[tuple[float, float], ...] = ()
     """Stretches in which the file has no numbers, from when to when [s] on its clock: what the record excludes."""
 
     @property
     def left_out(self) -> int:
         """Samples in these stretches."""
-        return sum(int(np.sum((self.guess.time > begin) & (self.guess.time < end))) for begin, end in self.without)
+        return sum(int(np.sum((self.guess.time > begin) & (self.guess.time < end))) for begin, end in self.gaps)
 
 
-def guess_file(file: Path, hints: Hints, told: Told, measures: str = "") -> NewRecord:
+def guess_file(file: Path, hints: Hints, rig: RigOptions, measures: str = "") -> NewRecord:
     """What `file` suggests for a record of a study; it `measures` "platform" or "effector", "": to be guessed.
 
     **Raises:** `InputError` where a channel, a unit or the drive is not clear, with the option that tells it.
     """
     roles = roles_of(file, hints)
-    if "voltage" not in roles.channels and told.peak is None:
+    if "voltage" not in roles.channels and rig.peak is None:
         raise InputError(f'{file}: found no voltage, expected --peak with that of the drive, such as --peak "30 V".')
     read = read_columns(file, roles.layout)
-    columns, without = _filled(read, roles.motion)
+    columns, gaps = _fill_gaps(read, roles.motion)
     columns.check_numbers()
     if columns.data["time"].size < 16:
         raise InputError(f"{file}: found {columns.data['time'].size} samples, expected a record of 16 at least.")
-    guess = _guessed(file, columns, roles.motion, told, measures)
+    guess = _guess(file, columns, roles.motion, rig, measures)
     if guess.waveform.name in ("sampled", "sine") and not np.all(np.isfinite(read.data["voltage"])):
         # The samples themselves may be the drive then, and have to be known everywhere.
         read.check_numbers()
-    return NewRecord(file.stem, roles, guess, bool(measures), without)
+    return NewRecord(file.stem, roles, guess, bool(measures), gaps)
 
 
-def _guessed(file: Path, columns: Columns, quantity: str, told: Told, measures: str) -> RecordGuess:
+def _guess(file: Path, columns: Columns, quantity: str, rig: RigOptions, measures: str) -> RecordGuess:
     data = columns.data
     try:
         return guess_record(
@@ -192,8 +194,8 @@ def _guessed(file: Path, columns: Columns, quantity: str, told: Told, measures: 
             data.get("voltage"),
             velocity=quantity == "velocity",
             measures=measures,
-            peak=told.peak,
-            frequency=told.frequency,
+            peak=rig.peak,
+            frequency=rig.frequency,
             where=str(file),
         )
     except ValueError as error:
@@ -202,11 +204,11 @@ def _guessed(file: Path, columns: Columns, quantity: str, told: Told, measures: 
         raise InputError(f"{file}: {error}.") from None
 
 
-def _filled(columns: Columns, motion: str) -> tuple[Columns, tuple[tuple[float, float], ...]]:
+def _fill_gaps(columns: Columns, motion: str) -> tuple[Columns, tuple[tuple[float, float], ...]]:
     """The columns with samples that are no numbers filled from beside them, where they are few, and when those were."""
     time = columns.data["time"]
     wrong = ~np.all([np.isfinite(column) for column in columns.data.values()], axis=0)
-    if not wrong.any() or not np.all(np.isfinite(time)) or np.mean(wrong) > _FEW:
+    if not wrong.any() or not np.all(np.isfinite(time)) or np.mean(wrong) > _MOST_GAPS:
         return columns, ()
     known, data = np.flatnonzero(~wrong), dict(columns.data)
     for quantity in set(data) - {"time"}:

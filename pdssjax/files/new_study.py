@@ -14,11 +14,11 @@ from ..metrics import RUNNING, RecordGuess
 from .channel_roles import Roles
 from .guessed_record import (
     NewRecord,
-    Told,
+    RigOptions,
     condition_of,
     early_start,
-    is_open,
-    is_unsure,
+    has_open_flanks,
+    has_uncertain_voltage,
     numbers_of,
     open_parameters,
     sampling_interval,
@@ -42,7 +42,7 @@ _SLOW_TICKS = 2e-3
 """Interval [s] from which samples do not show how a platform rings."""
 
 
-def write_study(records: Sequence[NewRecord], told: Told, folder: Path, title: str) -> Path:
+def write_study(records: Sequence[NewRecord], rig: RigOptions, folder: Path, title: str) -> Path:
     """Write `study.toml` and a figure of each record into `folder`, which must be new or empty; the study's path.
 
     **Raises:** `InputError` if the folder holds something already, or cannot be written to.
@@ -52,7 +52,7 @@ def write_study(records: Sequence[NewRecord], told: Told, folder: Path, title: s
     names = distinct_names([record.name for record in records])
     named = [dataclasses.replace(record, name=name) for record, name in zip(records, names, strict=True)]
     figures = (guess_figure(record.name, record.guess) for record in named)
-    return put_study(folder, study_text(named, told, folder, title), names, figures)
+    return put_study(folder, study_text(named, rig, folder, title), names, figures)
 
 
 def put_study(folder: Path, text: str, names: Sequence[str], figures: Iterable[Figure]) -> Path:
@@ -138,10 +138,10 @@ def toml_value(given: float | str) -> str:
     return quoted(given) if isinstance(given, str) else f"{given:g}"
 
 
-def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: str) -> str:
+def study_text(records: Sequence[NewRecord], rig: RigOptions, folder: Path, title: str) -> str:
     """The study file of the `records`, as it stands in `folder`; every guess has a comment that says so."""
-    piezo, friction = _laws(records)
-    records = [_closed(record) if _by_samples(record.guess, piezo) else record for record in records]
+    piezo, friction = _choose_models(records)
+    records = [_without_open_numbers(record) if _needs_samples(record.guess, piezo) else record for record in records]
     walks = any(record.guess.measures == "effector" for record in records)
     why = _WHY_FRICTION[friction] if walks else "no record shows it, and none of its parameters is needed"
     parts = [
@@ -150,10 +150,10 @@ def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: st
         f'friction = "{friction}"  # guess: {why}',
         "",
         "[parameters]",
-        *_parameters(records, told, piezo, friction),
+        *_parameters(records, rig, piezo, friction),
     ]
     for record in records:
-        parts += ["", *_record(record, folder, _by_samples(record.guess, piezo))]
+        parts += ["", *_record(record, folder, _needs_samples(record.guess, piezo))]
     return "\n".join(parts) + "\n"
 
 
@@ -185,7 +185,7 @@ _WHY_FRICTION = {
 }
 
 
-def _laws(records: Sequence[NewRecord]) -> tuple[str, str]:
+def _choose_models(records: Sequence[NewRecord]) -> tuple[str, str]:
     guesses = [record.guess for record in records]
     walks = [guess for guess in guesses if guess.measures == "effector"]
     fast = any(
@@ -210,16 +210,12 @@ def _jumps(guess: RecordGuess) -> bool:
     return bool(np.max(np.abs(np.diff(guess.volts))) > _JUMP * np.ptp(guess.volts))
 
 
-def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: str) -> list[str]:
+def _parameters(records: Sequence[NewRecord], rig: RigOptions, piezo: str, friction: str) -> list[str]:
     lines: list[str] = []
     walks = any(record.guess.measures == "effector" for record in records)
     if walks:
-        mass = f"{1e3 * told.mass:.6g} g" if told.mass is not None else "100 g"
-        why = (
-            ""
-            if told.mass is not None
-            else "  # guess: WEIGH IT; with another, stiffness, damping and force scale alike"
-        )
+        why = "  # guess: WEIGH IT; with another, stiffness, damping and force scale alike"
+        mass, why = ("100 g", why) if rig.mass is None else (f"{1e3 * rig.mass:.6g} g", "")
         lines.append(f'"effector.mass" = {{ value = "{mass}" }}{why}')
     if piezo in _PUT_TOGETHER:
         lines += [f'"piezo.{field}" = {{}}' for field in _PUT_TOGETHER[piezo]]
@@ -237,9 +233,8 @@ def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: 
 
 def _delay_of_jumps(records: Sequence[NewRecord]) -> list[str]:
     """A delay within which a sampled voltage may have jumped, which the ringing tells; none without jumps."""
-    jumps = [r.guess for r in records if r.guess.waveform.name == "sampled" and _jumps(r.guess)]
-    intervals = [sampling_interval(guess) for guess in jumps]
-    finest = min(intervals, default=_SLOW_TICKS)
+    jumps = (r.guess for r in records if r.guess.waveform.name == "sampled" and _jumps(r.guess))
+    finest = min(map(sampling_interval, jumps), default=_SLOW_TICKS)
     if finest >= _SLOW_TICKS:
         return []
     ends = f'start = "{0.5e6 * finest:.4g} us", min = 0, max = "{2e6 * finest:.4g} us"'
@@ -249,13 +244,13 @@ def _delay_of_jumps(records: Sequence[NewRecord]) -> list[str]:
 def _fall_time(records: Sequence[NewRecord], walks: bool) -> list[str]:
     """The usual one, which every sawtooth needs that leaves its flanks to the fit, of the platform alone, too."""
     sawteeth = [r.guess for r in records if r.guess.waveform.has_fast_flanks]
-    if not walks and not any(is_open(guess) for guess in sawteeth):
+    if not walks and not any(has_open_flanks(guess) for guess in sawteeth):
         return []
     unseen = any(record.guess.volts is None for record in records)
     fitted = '{ start = "1 ms", min = 0, max = "10 ms" }  # guess: no voltage was recorded, so it is fitted'
     ideal = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
     by_record = "{ value = 0 }  # of a record without one of its own; below each has one"
-    each = bool(sawteeth) and all(is_open(guess) or "fall_time" in guess.waveform.numbers for guess in sawteeth)
+    each = bool(sawteeth) and all(has_open_flanks(guess) or "fall_time" in guess.waveform.numbers for guess in sawteeth)
     return [f'"drive.fall_time" = {fitted if unseen else by_record if each else ideal}']
 
 
@@ -271,7 +266,7 @@ def _piezo_parameters(piezo: str) -> list[str]:
     return lines
 
 
-def _by_samples(guess: RecordGuess, piezo: str) -> bool:
+def _needs_samples(guess: RecordGuess, piezo: str) -> bool:
     """Whether a stack's memory wants the samples of a voltage though a waveform explains them.
 
     Loops under straight lines are known in closed form, under a sine they are not; and a stack with hysteresis feels
@@ -282,7 +277,7 @@ def _by_samples(guess: RecordGuess, piezo: str) -> bool:
     return guess.volts is not None and (curved or felt)
 
 
-def _closed(record: NewRecord) -> NewRecord:
+def _without_open_numbers(record: NewRecord) -> NewRecord:
     """A record whose samples are its drive: they leave nothing open to the fit."""
     closed = dataclasses.replace(record.guess.waveform, timing=None, voltage_error=0.0)
     return dataclasses.replace(record, guess=dataclasses.replace(record.guess, waveform=closed))
@@ -290,7 +285,7 @@ def _closed(record: NewRecord) -> NewRecord:
 
 def _record(record: NewRecord, folder: Path, by_samples: bool) -> list[str]:
     guess, layout = record.guess, record.roles.layout
-    told_by = "" if record.measures_told else f"  # guess: {_WHY_MEASURES[guess.measures]}"
+    told_by = "" if record.measures_given else f"  # guess: {_WHY_MEASURES[guess.measures]}"
     motion = record.roles.motion
     lines = record_lines(record.name, record.roles, folder, {q: q for q in ("time", "voltage", motion)})
     lines += scale_lines(layout.scales.get(motion), guess.turned, "the motion goes against the voltage")
@@ -298,15 +293,15 @@ def _record(record: NewRecord, folder: Path, by_samples: bool) -> list[str]:
         lines.append(f'measures = "{guess.measures}"{told_by}')
     else:
         lines += ['measures = "velocity"', f'of = "{guess.measures}"{told_by}']
-    lines.append(f'noise = "{_shown(guess, guess.noise)}"  # guess: {_why_noise(guess)}')
+    lines.append(f'noise = "{_with_unit(guess, guess.noise)}"  # guess: {_noise_origin(guess)}')
     early = "early" if guess.waveform.name == "sampled" and guess.waveform.begins == "seen" else guess.waveform.begins
     start, why = guess.start, _WHY_START[early]
-    if is_open(guess):
+    if has_open_flanks(guess):
         start, why = early_start(guess), f"{why}, or later by sensor.delay"
-    if record.without:
-        pairs = ", ".join(f'["{begin:.12g} s", "{end:.12g} s"]' for begin, end in record.without)
+    if record.gaps:
+        pairs = ", ".join(f'["{begin:.12g} s", "{end:.12g} s"]' for begin, end in record.gaps)
         lines.append(f"exclude = [{pairs}]  # guess: the file has no numbers there")
-    if is_open(guess) or is_unsure(guess):
+    if has_open_flanks(guess) or has_uncertain_voltage(guess):
         lines.append(f"conditions = [{quoted(condition_of(record.name))}]")
     if by_samples and guess.waveform.begins == "running":
         start, why = float(guess.time[0]), "the first sample; what ran before is in the conditioning"
@@ -352,14 +347,14 @@ _WHY_START = {
 }
 
 
-def _why_noise(guess: RecordGuess) -> str:
-    counted = f"; counted in steps of {_shown(guess, guess.resolution)}" if guess.resolution else ""
+def _noise_origin(guess: RecordGuess) -> str:
+    counted = f"; counted in steps of {_with_unit(guess, guess.resolution)}" if guess.resolution else ""
     if guess.resolution and guess.noise <= 1.001 * guess.resolution / math.sqrt(12.0):
-        return f"that of rounding to steps of {_shown(guess, guess.resolution)}, beside which no noise is seen"
+        return f"that of rounding to steps of {_with_unit(guess, guess.resolution)}, beside which no noise is seen"
     return f"the scatter of neighbouring samples{counted}"
 
 
-def _shown(guess: RecordGuess, number: float) -> str:
+def _with_unit(guess: RecordGuess, number: float) -> str:
     """A `number` of what was measured, with its unit."""
     return f"{guess.display.scale * number:.3g} {guess.display.unit}"
 
@@ -370,9 +365,9 @@ def _drive(record: NewRecord) -> list[str]:
         return [f"{drive_of_samples(record)}  # guess: no waveform explains it, so its samples are the drive"]
     units = {"voltage": "V", "bias": "V", "phase": "rad", "frequency": "Hz", "fall_time": "s", "rise_time": "s"}
     keys = [f'waveform = "{wave.name}"'] + [f'direction = "{wave.direction}"'] * bool(wave.direction)
-    keys += ['told_by = "slope"'] * (is_open(record.guess) and wave.name == "sawtooth")
+    keys += ['told_by = "slope"'] * (has_open_flanks(record.guess) and wave.name == "sawtooth")
     for field, number in numbers_of(record.guess).items():
-        if field == "voltage" and is_unsure(record.guess):
+        if field == "voltage" and has_uncertain_voltage(record.guess):
             continue
         keys.append(f'{field} = "{number:.10g} {units[field]}"' if field in units else f"{field} = {number:.6g}")
     left = (

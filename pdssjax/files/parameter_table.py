@@ -19,7 +19,6 @@ from ..study import (
     Study,
     bounded_by_constraints,
     chained,
-    legal_quantities,
     split_path,
 )
 from .toml_table import Table
@@ -33,7 +32,7 @@ def read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
 
     **Raises:** `InputError` if one is missing, unknown or illegal.
     """
-    legal = legal_quantities(study)
+    legal = study.legal()
     table = _expanded(top.table("parameters", "a table of parameters"), legal)
     for path in table.entries:
         if any(known.startswith(f"{path}.") for known in legal):

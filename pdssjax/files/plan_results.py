@@ -19,7 +19,7 @@ from ..study import Study
 from .estimate_results import read_estimate, write_estimate
 from .json_text import json_text
 from .record_results import file_stems, write_csv
-from .results_folder import staging_folder
+from .results_folder import staging_folder, write_text
 from .study_copy import move_files
 
 MEASURED = "measured"
@@ -46,23 +46,18 @@ def write_plan(plan: Plan, source: Path, design: Document, folder: Path) -> None
     from ..report.page import plan_page, write_page
 
     with staging_folder(folder) as staging:
-        (staging / "plan.json").write_text(json_text(plan.document()), encoding="utf-8")
-        (staging / "plan.txt").write_text(format_design(plan), encoding="utf-8")
+        write_text(staging / "plan.json", json_text(plan.document()))
+        write_text(staging / "plan.txt", format_design(plan))
         save_figure(design_figure(plan), staging / "plan.png")
         write_page(staging / "plan.html", plan_page(plan))
-        _write_studies(plan, source, design, folder, staging)
+        write_text(staging / "plan.toml", plan_study(plan, source, design, folder, together=False))
+        if any(np.any(record.measured) for record in plan.study.records):
+            write_text(staging / "plan-together.toml", plan_study(plan, source, design, folder, together=True))
         (staging / "drives").mkdir()
         (staging / "templates").mkdir()
-        for stem, planned in zip(file_stems(plan.records), plan.records, strict=True):  # pyright: ignore[reportArgumentType]
+        for stem, planned in zip(file_stems(record.name for record in plan.records), plan.records, strict=True):
             _write_drive(planned, staging / "drives" / f"{stem}.csv")
             _write_template(plan.study, planned, staging / "templates" / f"{stem}.csv")
-
-
-def _write_studies(plan: Plan, source: Path, design: Document, folder: Path, staging: Path) -> None:
-    (staging / "plan.toml").write_text(plan_study(plan, source, design, folder, together=False), encoding="utf-8")
-    if any(np.any(record.measured) for record in plan.study.records):
-        text = plan_study(plan, source, design, folder, together=True)
-        (staging / "plan-together.toml").write_text(text, encoding="utf-8")
 
 
 def plan_study(plan: Plan, source: Path, design: Document, folder: Path, *, together: bool) -> str:
@@ -81,7 +76,7 @@ def plan_study(plan: Plan, source: Path, design: Document, folder: Path, *, toge
         move_files(record, source.parent, folder)
         records.append(record)
     taken = {str(record.get("name", "")) for record in (so_far if together else [])}
-    for stem, planned in zip(file_stems(plan.records), plan.records, strict=True):  # pyright: ignore[reportArgumentType]
+    for stem, planned in zip(file_stems(record.name for record in plan.records), plan.records, strict=True):
         records.append(_record(plan.study, planned, stem, taken))
     document.add("record", records)
     head = f"# Made by pdssjax design for {source.name}: put what is measured into {MEASURED}/.\n"
@@ -203,7 +198,7 @@ def _write_template(study: Study, planned: PlannedRecord, file: Path) -> None:
     lines = [",".join(names)]
     motion = [""] * record.time.size if record.motion is None else [f",{1e6 * x:.9g}" for x in record.motion]
     lines += [f"{t:.10g}{m}," for t, m in zip(record.time, motion, strict=True)]
-    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(file, "\n".join(lines) + "\n")
 
 
 def write_rehearsal(rehearsal: Rehearsal, plan: Plan, source: Path, design: Document, folder: Path) -> None:
@@ -212,10 +207,9 @@ def write_rehearsal(rehearsal: Rehearsal, plan: Plan, source: Path, design: Docu
     The folder is that of a plan that was carried out: `pdssjax design` goes on from it.
     """
     with staging_folder(folder, ("plan.toml", MEASURED)) as staging:
-        text = plan_study(plan, source, design, folder, together=False)
-        (staging / "plan.toml").write_text(text, encoding="utf-8")
+        write_text(staging / "plan.toml", plan_study(plan, source, design, folder, together=False))
         own = rehearsal.recordings[-len(plan.records) :]
-        for stem, recording in zip(file_stems(plan.records), own, strict=True):  # pyright: ignore[reportArgumentType]
+        for stem, recording in zip(file_stems(record.name for record in plan.records), own, strict=True):
             write_csv(recording, staging / "plan.toml", staging / MEASURED / f"{stem}.csv")
     write_estimate(rehearsal.estimate, folder / IDENTIFIED)
 

@@ -85,6 +85,14 @@ class Columns:
             f"expected a finite number{_about_commas(text)}."
         )
 
+    def check_moves(self, quantity: str, values: Float[np.ndarray, " samples"]) -> None:
+        """**Raises** `InputError` where the `values` of a `quantity` are all the same."""
+        if np.all(values == values[0]):
+            raise InputError(
+                f'{self.file}: column "{self.channels[quantity].name}": found the same {quantity} in all '
+                f"{values.size} samples, expected a record that moves."
+            )
+
 
 def read_columns(file: Path, layout: Layout, window: tuple[float, float] | None = None) -> Columns:
     """The columns of `file` that a `layout` names, in SI, those samples within the `window` [s] where one is given.
@@ -231,7 +239,7 @@ def interval_at(table: Table) -> tuple[float | None, float]:
 
 
 def _column_names(table: Table, si_units: Mapping[str, str]) -> dict[str, str | int]:
-    """By quantity, what its column is called."""
+    """The name of each quantity's column."""
     *_, explained = si_units
     empty: Document = {}
     alone = "channel" in table.entries

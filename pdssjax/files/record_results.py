@@ -3,7 +3,7 @@
 import dataclasses
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -11,10 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Display, Document, InputError, column_unit, factor
-from ..metrics import Characterisation
 from ..study import FittedRecord, Record, Recording, UsedNumber
 from .json_text import json_text
-from .results_folder import staging_folder
+from .results_folder import staging_folder, write_text
 
 PARAMETERS_FORMAT = "pdssjax-parameters/1"
 
@@ -44,8 +43,7 @@ def write_predictions(records: Sequence[FittedRecord], used: Numbers, folder: Pa
 
 
 def write_numbers(used: Numbers, staging: Path) -> None:
-    text = json_text({"format": PARAMETERS_FORMAT, "parameters": used})
-    (staging / "parameters.json").write_text(text, encoding="utf-8", errors="backslashreplace")
+    write_text(staging / "parameters.json", json_text({"format": PARAMETERS_FORMAT, "parameters": used}))
 
 
 def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
@@ -53,7 +51,7 @@ def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
 
     (staging / "predictions").mkdir()
     (staging / "plots").mkdir()
-    for stem, record in zip(file_stems(records), records, strict=True):
+    for stem, record in zip(file_stems(record.name for record in records), records, strict=True):
         unit, scale = record.display.unit, record.display.scale
         table = np.column_stack([record.measured, record.predicted, record.measured - record.predicted])
         applied = applied_columns(record)
@@ -90,11 +88,11 @@ def prescribed_column(display: Display) -> str:
     return f"{display.quantity}_{display.unit}"
 
 
-def file_stems(records: Sequence[FittedRecord] | Sequence[Characterisation]) -> list[str]:
-    """File names after the records' own, different from each other on any file system."""
+def file_stems(names: Iterable[str]) -> list[str]:
+    """File names after the `names` of records, different from each other on any file system."""
     stems: list[str] = []
-    for record in records:
-        plain = re.sub(r"[^\w.-]+", "_", record.name)[:_LONGEST].strip("._") or "record"
+    for name in names:
+        plain = re.sub(r"[^\w.-]+", "_", name)[:_LONGEST].strip("._") or "record"
         taken = [stem.lower() for stem in [*stems, *_TAKEN]]
         copies = (f"{plain}-{number}" for number in range(2, len(taken) + 2))
         stems.append(next(stem for stem in (plain, *copies) if stem.lower() not in taken))
@@ -109,7 +107,7 @@ def check_recordings(records: Sequence[Record], study: Path) -> None:
 
 
 def _place(record: Record, study: Path) -> Path:
-    """Where its file lies beside the study."""
+    """The path of a record's file, relative to the folder of the study."""
     if not record.file.is_relative_to(study.parent) or ".." in record.file.relative_to(study.parent).parts:
         raise InputError(f'{study}: record "{record.name}": found {record.file}, expected a file beside it.')
     return record.file.relative_to(study.parent)
@@ -135,11 +133,11 @@ def write_recordings(
         for recording in made:
             write_csv(recording, study, staging / "records" / _place(recording.record, study))
         shutil.copyfile(study, staging / "records" / study.name)
-        (staging / "records" / "truth.json").write_text(json_text(truth), encoding="utf-8", errors="backslashreplace")
+        write_text(staging / "records" / "truth.json", json_text(truth))
 
 
 def column_scales(record: Record, study: Path) -> dict[str, float]:
-    """By quantity, what one of the unit of its column is in SI.
+    """The factor from the unit of each quantity's column to SI.
 
     **Raises:** `InputError`, which names the file `study`, where the name of a column does not tell its unit.
     """

@@ -29,23 +29,19 @@ def kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> dic
 
     **Raises:** `InputError` if the file or a key of the record's `table` is at fault, or nothing is left.
     """
-    keep, whole = _kept(table, read)
-    keep &= _fresh(table, read.data[list(layout.si_units)[-1]])
+    keep, whole = _not_excluded(table, read)
+    keep &= _fresh_samples(table, read.data[list(layout.si_units)[-1]])
     columns = read.kept(keep)
     columns.check_numbers()
     clock = columns.channels["time"].name if "time" in columns.channels else "time"
     check_increasing(file, clock, columns.data["time"], columns.places, columns.reader.place)
-    data = _decimated(table, columns, whole[keep])
+    data = _decimate(table, columns, whole[keep])
     for quantity in list(layout.si_units)[1:]:
-        if np.all(data[quantity] == data[quantity][0]):
-            raise InputError(
-                f'{file}: column "{columns.channels[quantity].name}": found the same {quantity} in all '
-                f"{data[quantity].size} samples, expected a record that moves."
-            )
+        columns.check_moves(quantity, data[quantity])
     return data
 
 
-def _fresh(table: Table, measured: Float[np.ndarray, " samples"]) -> Bool[np.ndarray, " samples"]:
+def _fresh_samples(table: Table, measured: Float[np.ndarray, " samples"]) -> Bool[np.ndarray, " samples"]:
     """The samples at which a sensor shows a new value, where the record says with `held` at every how many it does."""
     if "held" not in table.entries:
         return np.ones(measured.size, bool)
@@ -54,7 +50,7 @@ def _fresh(table: Table, measured: Float[np.ndarray, " samples"]) -> Bool[np.nda
     return fresh_samples(measured, table.whole("held", expected, least=2, most=most))
 
 
-def _decimated(table: Table, columns: Columns, stretch: np.ndarray) -> dict[str, np.ndarray]:
+def _decimate(table: Table, columns: Columns, stretch: np.ndarray) -> dict[str, np.ndarray]:
     """The columns, low-passed and thinned where the record says `decimate`; not across what was left out."""
     if "decimate" not in table.entries:
         return columns.data
@@ -77,7 +73,7 @@ def _decimated(table: Table, columns: Columns, stretch: np.ndarray) -> dict[str,
     return dict(zip(columns.data, together.T, strict=True))
 
 
-def _kept(table: Table, read: Columns) -> tuple[np.ndarray, np.ndarray]:
+def _not_excluded(table: Table, read: Columns) -> tuple[np.ndarray, np.ndarray]:
     """Which samples `exclude`, on the clock of the file, leaves, and how many of its pairs lie before each."""
     time = read.data["time"]
     # A sample whose time is no number lies where the one before it does.
@@ -122,7 +118,7 @@ RECORD_KEYS = [
 """Keys of every record, whatever it measures."""
 
 
-def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = False, settles: bool = True) -> Record:
+def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, settles: bool = True) -> Record:
     """The record that a [[record]] `table` describes; its file is relative to `folder`.
 
     What its drive leaves out the study's `parameters` tell.  Of a `virtual` rig the record is still to be made: where
@@ -142,7 +138,7 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = F
     drive, overrides, conditions = None, frozenset(), _conditions(table)
     if measurement.driven:
         described = table.table("drive", 'a table such as { waveform = "step", voltage = "48.2 V" }')
-        drive, overrides = read_drive(described, table, folder, _told_of_drives(parameters, conditions))
+        drive, overrides = read_drive(described, table, folder, _drive_parameters(parameters, conditions))
     elif "drive" in table.entries:
         raise InputError(
             f'{table.at("drive")}: found a drive, expected none: the "{measurement.prescribed}" of a '
@@ -191,7 +187,7 @@ def _samples(
     """The columns of a record, by quantity [SI], those `planned` where they are; when its file begins [s]; whether
     its samples have times."""
     if planned is not None and "sampling" in table.entries:
-        data = _planned(table, planned)
+        data = _plan_samples(table, planned)
         return data, float(data["time"][0]), True
     read = read_columns(file, layout, window_of(table))
     return kept_samples(table, file, layout, read), read.begin, read.has_clock
@@ -207,7 +203,7 @@ def _conditions(table: Table) -> frozenset[str]:
     return frozenset(found)
 
 
-def _told_of_drives(parameters: Table, conditions: frozenset[str]) -> Table:
+def _drive_parameters(parameters: Table, conditions: frozenset[str]) -> Table:
     """The parameters of drives, by path, that hold under these `conditions`."""
     told = {path: split_path(path) for path in parameters.entries if path.startswith("drive.")}
     usual = {base: parameters.entries[path] for path, (base, condition) in told.items() if not condition}
@@ -246,7 +242,7 @@ def _check_writable(table: Table, file: Path, layout: Layout) -> None:
         )
 
 
-def _planned(table: Table, measurement: AbstractMeasurement) -> dict[str, np.ndarray]:
+def _plan_samples(table: Table, measurement: AbstractMeasurement) -> dict[str, np.ndarray]:
     """Sample times, and the motion where that is prescribed, as the record's `sampling` plans them."""
     example = 'a table such as { start = "0.2 s", end = "2 s", interval = "1 ms" }, or a list of such tables'
     listed = isinstance(table.entries["sampling"], list)

@@ -77,11 +77,16 @@ def check_free(folder: Path, overwrite: bool) -> None:
 
 def _check_writable(folder: Path) -> None:
     """**Raises** `InputError` where nothing can be written to `folder`, or it cannot be made."""
-    ground = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    ground = nearest_existing(folder)
     if not ground.is_dir():
         raise InputError(f"{folder}: found a file at {ground}, expected a folder or nothing.")
     if not os.access(ground, os.W_OK | os.X_OK):
         raise InputError(f"{folder}: found no permission to write to {ground}, expected a folder to write to.")
+
+
+def nearest_existing(path: Path) -> Path:
+    """The path itself, or the nearest folder above it that exists."""
+    return next(place for place in (path, *path.absolute().parents) if place.exists())
 
 
 def write_aside(write: Callable[[Path], None]) -> Path:
@@ -165,6 +170,11 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
+
+
+def write_text(file: Path, text: str) -> None:
+    """Write a `text` into a `file`; what no encoding has, such as half of a pair of surrogates, as an escape."""
+    file.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def write_whole(file: Path, content: bytes) -> None:

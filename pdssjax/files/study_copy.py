@@ -11,6 +11,7 @@ from pathlib import Path
 import tomlkit
 
 from ..core import Document, InputError
+from .file_lock import UNFINISHED
 from .study_toml import FORMAT, load_study
 
 _HEAD = "# Made by pdssjax explore from"
@@ -37,13 +38,16 @@ def save_study(
     _check_target(source, target, overwrite)
     text = _text(source, target, values, drives)
     # Beside its place, so that relative paths lead to the same files once it has its name.
-    handle, name = tempfile.mkstemp(".toml", ".unfinished-", target.parent)
+    handle, name = tempfile.mkstemp(".toml", UNFINISHED, target.parent)
     os.close(handle)
     made = Path(name)
     try:
         made.write_text(text, encoding="utf-8")
         made.chmod(0o644)
-        _check(made, target)
+        try:
+            load_study(made)
+        except InputError as error:
+            raise InputError(str(error).replace(str(made), str(target))) from None
         _move(made, target, overwrite)
     finally:
         made.unlink(missing_ok=True)
@@ -113,14 +117,6 @@ def move_files(record: Document, before: Path, after: Path) -> None:
     for table in (record, record.get("drive")):
         if isinstance(table, dict) and "file" in table and not Path(table["file"]).is_absolute():
             table["file"] = Path(os.path.relpath((before / table["file"]).absolute(), after.absolute())).as_posix()
-
-
-def _check(made: Path, target: Path) -> None:
-    """**Raises** `InputError`, which names the `target`, where the study that was `made` is not legal."""
-    try:
-        load_study(made)
-    except InputError as error:
-        raise InputError(str(error).replace(str(made), str(target))) from None
 
 
 def _move(made: Path, target: Path, overwrite: bool) -> None:

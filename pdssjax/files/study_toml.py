@@ -20,9 +20,9 @@ from ..study import (
     Record,
     Study,
     drive_with,
+    paths_in,
     shared_fields,
     split_path,
-    under_conditions,
 )
 from .parameter_table import read_constraints, read_parameters
 from .record_table import read_record
@@ -183,9 +183,9 @@ def _check_measurements(top: Table, study: Study) -> None:
     """Refuse records that their measurement refuses under the models and numbers of the study."""
     nominal = {path: declared.nominal for path, declared in study.models.declared().items() if declared.optional}
     for record in study.records:
-        told = {path: math.nan if p.value is None else p.value for path, p in study.parameters.items()}
-        fixed = under_conditions(nominal | told, dict.fromkeys(record.conditions, True))
-        wrong = record.measurement.refused(study.models, {path: float(n) for path, n in fixed.items()}, record)
+        known = nominal | {path: math.nan if p.value is None else p.value for path, p in study.parameters.items()}
+        here = {base: known[path] for base, path in paths_in(known, record.conditions).items()}
+        wrong = record.measurement.refused(study.models, here, record)
         if wrong:
             raise InputError(f'{top.where}: record "{record.name}": {wrong}.')
 
@@ -193,8 +193,8 @@ def _check_measurements(top: Table, study: Study) -> None:
 def _jumps(record: Record, parameters: Mapping[str, Parameter]) -> bool:
     """Whether the voltage of a record has jumps; a time that is free is not zero."""
     numbers = {path: sys.float_info.min if p.value is None else p.value for path, p in parameters.items()}
-    here = under_conditions(numbers, dict.fromkeys(record.conditions, True))
-    return drive_with(record, {path: float(number) for path, number in here.items()}).has_jumps()
+    here = {base: numbers[path] for base, path in paths_in(numbers, record.conditions).items()}
+    return drive_with(record, here).has_jumps()
 
 
 def _check_samples(top: Table, study: Study) -> None:

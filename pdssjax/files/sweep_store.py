@@ -28,9 +28,9 @@ from jaxtyping import Float, Int, UInt8
 
 from ..core import Document, InputError, InputWarning
 from ..sweeps import AbstractBlockStore, BlockPlan, blank, columns_of, differences, extended, job_text
-from .file_lock import file_lock
+from .file_lock import UNFINISHED, file_lock
 from .record_results import write_numbers
-from .results_folder import staging_folder
+from .results_folder import nearest_existing, staging_folder
 
 if TYPE_CHECKING:
     import xarray
@@ -78,19 +78,21 @@ class SweepStore(AbstractBlockStore):
             )
         check_room(document, plan, self.place)
         beside = self.place.with_name(f".{self.place.name}.lock")
-        self._lock.enter_context(file_lock(beside, self.place, _beside(self.place)))
+        self._lock.enter_context(file_lock(beside, self.place, _unfinished_prefix(self.place)))
         if self.place.exists() and not self.resume:
             shutil.rmtree(self.place)
-        with _reading(self.place):
+        with _refusing_damage(self.place):
             if self.place.exists():
-                plan = _resumed(self.place, _opened(self.place), document, plan)
+                plan = _plan_to_resume(self.place, _open_group(self.place), document, plan)
             else:
                 _create(self.place, document, plan)
-            self._group, self._plan, self._job = _opened(self.place), plan, job_text(document)
+            self._group, self._plan, self._job = _open_group(self.place), plan, job_text(document)
             _check_arrays(self._group, columns_of(document), plan)
-            _, damaged = self._sound()
+            _, damaged = self._read_verified()
             if damaged:
-                told = f"{_listed(damaged)} what was stored does not match its digest, or has none; computed again."
+                told = (
+                    f"{_name_blocks(damaged)} what was stored does not match its digest, or has none; computed again."
+                )
                 warnings.warn(f"{self.place}: {told}", InputWarning, 3)
             done = self._status() == DONE
             return plan, [number for number in range(plan.blocks) if number in damaged or not done[number]]
@@ -113,7 +115,7 @@ class SweepStore(AbstractBlockStore):
             digest.update(np.ascontiguousarray(part, "<f8").tobytes())
         return np.frombuffer(digest.digest(), np.uint8)
 
-    def _sound(self) -> tuple[Float[np.ndarray, "points columns"], set[int]]:
+    def _read_verified(self) -> tuple[Float[np.ndarray, "points columns"], set[int]]:
         """All that can be read, and the blocks that are said to be done but do not match their digest."""
         place, rows = self._plan.place, self._read_array("found", len(self._plan.order), self._plan.lanes, np.nan)
         digests = self._read_array("digest", self._plan.blocks, 1, 0)
@@ -140,13 +142,13 @@ class SweepStore(AbstractBlockStore):
         self._group["status"][number] = FAILED
 
     def read(self) -> Float[np.ndarray, "points columns"]:
-        rows, damaged = self._sound()
+        rows, damaged = self._read_verified()
         missing = self._status() != DONE
         missing[list(damaged)] = True
         rows[np.repeat(missing, self._plan.lanes)[: len(rows)]] = blank(1, rows.shape[1])
         if damaged:
-            told = f"{_listed(damaged)} what was stored does not match its digest and is left out; go on with --resume."
-            warnings.warn(f"{self.place}: {told}", InputWarning, 3)
+            told = "what was stored does not match its digest and is left out; go on with --resume."
+            warnings.warn(f"{self.place}: {_name_blocks(damaged)} {told}", InputWarning, 3)
         return rows
 
     def _status(self) -> Int[np.ndarray, " blocks"]:
@@ -161,7 +163,7 @@ class SweepStore(AbstractBlockStore):
 
 
 @contextlib.contextmanager
-def _reading(place: Path) -> Iterator[None]:
+def _refusing_damage(place: Path) -> Iterator[None]:
     """Turn whatever a damaged store at `place` raises into an `InputError` of one line."""
     try:
         yield
@@ -174,16 +176,16 @@ def _reading(place: Path) -> Iterator[None]:
         ) from None
 
 
-def _listed(blocks: set[int]) -> str:
+def _name_blocks(blocks: set[int]) -> str:
     """Blocks in words, as a message begins."""
     first = ", ".join(map(str, sorted(blocks)[:_LISTED]))
     more = f" and {len(blocks) - _LISTED} more" if len(blocks) > _LISTED else ""
     return f"of block{'s' * (len(blocks) > 1)} {first}{more}"
 
 
-def _beside(place: Path) -> str:
+def _unfinished_prefix(place: Path) -> str:
     """How the names begin of stores that are not yet at their `place`."""
-    return f".unfinished-{place.name}-"
+    return f"{UNFINISHED}{place.name}-"
 
 
 def check_zarr() -> None:
@@ -209,8 +211,7 @@ def bytes_needed(document: Document, plan: BlockPlan) -> int:
 
 def check_room(document: Document, plan: BlockPlan, place: Path) -> None:
     """**Raises** `InputError` where the disk at `place` has no room for the store of `plan`."""
-    ground = next(folder for folder in (place, *place.absolute().parents) if folder.exists())
-    free, needed = shutil.disk_usage(ground).free, bytes_needed(document, plan)
+    free, needed = shutil.disk_usage(nearest_existing(place)).free, bytes_needed(document, plan)
     if needed > free:
         raise InputError(
             f"{place}: found {free / 1e6:.3g} MB free for {len(plan.order)} points, expected {needed / 1e6:.3g} MB."
@@ -222,7 +223,7 @@ def _create(place: Path, document: Document, plan: BlockPlan) -> None:
     import zarr
 
     place.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=_beside(place), dir=place.parent) as folder:
+    with tempfile.TemporaryDirectory(prefix=_unfinished_prefix(place), dir=place.parent) as folder:
         made = Path(folder) / place.name
         group = zarr.create_group(made, attributes={"job": document, "lanes": plan.lanes, "points": len(plan.order)})
         for name, array in _arrays(columns_of(document), plan).items():
@@ -271,7 +272,7 @@ def _check_arrays(group: Group, columns: int, plan: BlockPlan) -> None:
             raise ValueError(f"{name}: {there} in place of {expected.dtype} of shape {expected.shape}")
 
 
-def _opened(place: Path) -> Group:
+def _open_group(place: Path) -> Group:
     import zarr
 
     try:
@@ -284,7 +285,7 @@ def _opened(place: Path) -> Group:
     return group
 
 
-def _resumed(place: Path, group: Group, document: Document, plan: BlockPlan) -> BlockPlan:
+def _plan_to_resume(place: Path, group: Group, document: Document, plan: BlockPlan) -> BlockPlan:
     """The plan of the store, which is `plan` or has the same points in other blocks; new points are made room for.
 
     **Raises:** `InputError` that says what differs where the store is that of another sweep.
@@ -311,10 +312,8 @@ def _extend(group: Group, plan: BlockPlan, points: int) -> None:
     if points % plan.lanes:
         # New points fill this block up.
         group["status"][points // plan.lanes] = PENDING
-    for name, length in {"found": len(plan.order), "values": len(plan.order), "order": len(plan.order)}.items():
-        group[name].resize((length, *group[name].shape[1:]))
-    for name in ("status", "reason", "digest"):
-        group[name].resize((plan.blocks, *group[name].shape[1:]))
+    for name, array in _arrays(group["found"].shape[1], plan).items():
+        group[name].resize(array.shape)
     group["values"][points:] = plan.values[points:]
     group["order"][:] = plan.order
     group.attrs["points"] = len(plan.order)
@@ -330,7 +329,7 @@ def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
     from ..sweeps import ALONG
 
     with staging_folder(folder) as staging:
-        _put(data, staging, "sweep", store)
+        _write_dataset(data, staging, "sweep", store)
         if data.sizes:
             save_figure(sweep_figure(data), staging / "sweep.png")
         if data.sizes.get(ALONG) == 2 and len(data.sizes) > 1:
@@ -342,11 +341,11 @@ def write_border(data: "xarray.Dataset", folder: Path, store: str) -> None:
     from ..report.figures import border_figure, save_figure
 
     with staging_folder(folder) as staging:
-        _put(data, staging, "border", store)
+        _write_dataset(data, staging, "border", store)
         save_figure(border_figure(data), staging / "border.png")
 
 
-def _put(data: "xarray.Dataset", staging: Path, name: str, store: str) -> None:
+def _write_dataset(data: "xarray.Dataset", staging: Path, name: str, store: str) -> None:
     write_numbers(json.loads(data.attrs["parameters"]), staging)
     data = data.assign_attrs({_CHECKSUM: _checksum(data)})
     if store == "zarr":
@@ -362,20 +361,22 @@ _CHECKSUM = "digest"
 
 def _checksum(data: "xarray.Dataset") -> str:
     """The digest of all numbers, names and attributes of `data`, the same before writing and after reading."""
-    digest = hashlib.sha256(_plain({name: value for name, value in data.attrs.items() if name != _CHECKSUM}))
+    digest = hashlib.sha256(_canonical_text({name: value for name, value in data.attrs.items() if name != _CHECKSUM}))
     for name in sorted(map(str, data.variables)):
         variable = data[name]
         values = np.asarray(variable.values)
-        digest.update(_plain([name, variable.dims, variable.attrs]))
+        digest.update(_canonical_text([name, variable.dims, variable.attrs]))
         # Formats keep integers in types of their own, and NaN has many forms.
         numbers = values.astype("<f8") if values.dtype.kind in "iufb" else values.astype(str)
         digest.update(
-            np.where(numbers != numbers, np.nan, numbers).tobytes() if numbers.dtype.kind == "f" else _plain(numbers)
+            np.where(numbers != numbers, np.nan, numbers).tobytes()
+            if numbers.dtype.kind == "f"
+            else _canonical_text(numbers)
         )
     return digest.hexdigest()
 
 
-def _plain(value: object) -> bytes:
+def _canonical_text(value: object) -> bytes:
     """A value as text that is the same for the same numbers, whatever their types."""
     as_number = lambda entry: np.asarray(entry).tolist() if hasattr(entry, "dtype") else str(entry)
     numbers = lambda entry: float(entry) if isinstance(entry, int | float | np.number) else entry

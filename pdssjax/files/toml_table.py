@@ -58,7 +58,7 @@ class Table:
         return value
 
     def option(self, key: str, options: Iterable[str], default: str = _REQUIRED) -> str:
-        """One of the `options`."""
+        """The text of a key, which must be one of the `options`."""
         options = list(options)
         value = self.get(key, str, f"one of {', '.join(options)}", default)
         if value not in options:

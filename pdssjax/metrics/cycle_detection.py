@@ -90,10 +90,10 @@ def find_cycles(
             f"{where}: found no cycles: at {about:.4g} Hz, a sawtooth explains {100 * fit:.0f} % of the motion about "
             f"its trend, expected {wanted}."
         )
-    return _counted(time, values, about, time[0] + phase / about, sign, frequency, where)
+    return _count_cycles(time, values, about, time[0] + phase / about, sign, frequency, where)
 
 
-def _counted(
+def _count_cycles(
     time: Float[np.ndarray, " m"],
     values: Float[np.ndarray, " m"],
     frequency: float,
@@ -105,7 +105,7 @@ def _counted(
     """The complete cycles, once frequency and start are known to a part of a period."""
     seen, error = frequency, np.inf
     for _ in range(2):
-        first, begun = _begun(time, frequency, start)
+        first, begun = _first_cycle(time, frequency, start)
         good = _similar_flanks(time, values, frequency, first, begun)
         if len(good) < 2:
             raise InputError(
@@ -117,7 +117,7 @@ def _counted(
         slips = _slips(time, values, frequency, expected, sign)
         seen, start, error = _line_of_slips(slips, expected, frequency, float(np.median(np.diff(time))))
         frequency = given or seen
-    first, begun = _begun(time, frequency, start)
+    first, begun = _first_cycle(time, frequency, start)
     good = _similar_flanks(time, values, frequency, first, begun)
     if len(good) < 2:
         raise InputError(f"{where}: found no two slow flanks alike near {frequency:.4g} Hz, expected several cycles.")
@@ -135,7 +135,7 @@ def _counted(
     return Cycles(frequency, seen, error, begins, count, begun - count, falls, fit)
 
 
-def _begun(time: Float[np.ndarray, " m"], frequency: float, start: float) -> tuple[float, int]:
+def _first_cycle(time: Float[np.ndarray, " m"], frequency: float, start: float) -> tuple[float, int]:
     """The first slip that belongs to a cycle with samples, and how many such cycles there are."""
     # A fiftieth of a cycle is no more than a slip takes, or than its time is uncertain by.
     before = np.floor((time[0] - start) * frequency + 0.02)

@@ -49,7 +49,7 @@ LEAST_SAMPLES = 4
 
 
 class CycleMetrics(NamedTuple):
-    """One entry a cycle, shape (cycles,).  All lengths are negative where the drive is backward."""
+    """Metrics of each cycle, shape (cycles,).  All lengths are negative where the drive is backward."""
 
     stroke: Float[Array, " cycles"]
     """S, the motion of the stick phase [m]."""
@@ -75,7 +75,7 @@ class TurningPoints(NamedTuple):
 
 
 class ForceMetrics(NamedTuple):
-    """One entry a cycle of a blocked-force record, shape (cycles,) [N]."""
+    """Forces of each cycle of a blocked-force record, shape (cycles,) [N]."""
 
     output: Float[Array, " cycles"]
     """Force at the end of the slow flank by its line: what the thesis reads as the maximum, free of the noise."""

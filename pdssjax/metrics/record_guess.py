@@ -106,16 +106,16 @@ def guess_record(
     if volts is None and velocity:
         raise InputError(f"{where}: found a velocity without a voltage, expected --voltage with the channel of it.")
     if volts is None:
-        waveform, leaves = _by_motion(time, motion, peak or math.nan, frequency, where), math.nan
+        waveform, leaves = _sawtooth_of_motion(time, motion, peak or math.nan, frequency, where), math.nan
         seen = measures or "effector"
     else:
         waveform = detect_waveform(time, volts)
         motion = _displacement_of(time, motion, volts, waveform) if velocity else motion
         explained, leaves = _line_of_voltage(motion, volts)
-        seen = measures or _measured_part(waveform, explained, _walks(time, motion, volts, waveform), where)
+        seen = measures or _measured_part(waveform, explained, _has_net_step(time, motion, volts, waveform), where)
         if seen == "platform" and waveform.name == "sine" and waveform.begins == "running":
             waveform = _started_with_record(time, motion, waveform)
-    against = volts is not None and _against(time, motion, volts, waveform, seen)
+    against = volts is not None and _is_reversed(time, motion, volts, waveform, seen)
     resolution = resolution_of(measured)
     start = waveform.start
     if waveform.begins == "running" and waveform.name != "sampled":
@@ -149,7 +149,7 @@ def _displacement_of(
     return integrated(time, speed - zero)
 
 
-def _against(
+def _is_reversed(
     time: Float[np.ndarray, " n"],
     motion: Float[np.ndarray, " n"],
     volts: Float[np.ndarray, " n"],
@@ -198,7 +198,7 @@ def _measured_part(waveform: Waveform, explained: float, walks: bool, where: str
     )
 
 
-def _walks(
+def _has_net_step(
     time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], waveform: Waveform
 ) -> bool:
     """Whether a motion has a net step per cycle besides the part that follows the voltage."""
@@ -245,7 +245,7 @@ def _started_with_record(
     )
 
 
-def _by_motion(
+def _sawtooth_of_motion(
     time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], peak: float, frequency: float | None, where: str
 ) -> Waveform:
     """The sawtooth that a walking end-effector shows: it starts a cycle where the end-effector slips."""
@@ -259,7 +259,7 @@ def _by_motion(
         falls, left = cycles.falls, 1.0 - cycles.fit
         middle = cycles.count // 2
         slip = cycles.start + middle / cycles.seen
-        frequency = frequency or _plainest(cycles.seen, min(2.0 * cycles.seen_error, _ROUNDING * cycles.seen))
+        frequency = frequency or _simplest_number(cycles.seen, min(2.0 * cycles.seen_error, _ROUNDING * cycles.seen))
     numbers = {"voltage": peak, "frequency": frequency}
     direction = "backward" if falls else "forward"
     found = Waveform("sawtooth", numbers, direction, slip, "running", math.sqrt(max(left, 0.0)))
@@ -267,7 +267,7 @@ def _by_motion(
     return begun(found, time, None, max(2.0 * interval, 0.02 / frequency))
 
 
-def _plainest(value: float, tolerance: float) -> float:
+def _simplest_number(value: float, tolerance: float) -> float:
     """The number with the fewest digits within `tolerance` of `value`."""
     for digits in range(1, 12):
         rounded = float(f"{value:.{digits}g}")

@@ -130,12 +130,12 @@ def clipped(values: Float[np.ndarray, " n"], voltage: Float[np.ndarray, " n"] | 
     for end, level in (("highest", values.max()), ("lowest", values.min())):
         long = (levels == level) & (lengths >= least)
         outer = [run for run in {0, lengths.size - 1} if long[run]]
-        if long[1:-1].any() or any(_moves(voltage, ends[run] - lengths[run], lengths[run]) for run in outer):
+        if long[1:-1].any() or any(_voltage_changes(voltage, ends[run] - lengths[run], lengths[run]) for run in outer):
             found[end] = int(np.sum(lengths[long]))
     return found
 
 
-def _moves(voltage: Float[np.ndarray, " n"] | None, first: int, count: int) -> bool:
+def _voltage_changes(voltage: Float[np.ndarray, " n"] | None, first: int, count: int) -> bool:
     """The voltage goes on in the middle half of a run of samples."""
     if voltage is None:
         return False

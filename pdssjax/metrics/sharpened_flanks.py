@@ -128,7 +128,7 @@ def sharpened_sawtooth(
     voltage = peak_of(whole_rise, period, duration)
     flanks = round((time[-1] - time[0]) / period)
     told = max(found.errors[2:]) < _LOCATED * interval and _explains(found, int(np.count_nonzero(near)), noise, voltage)
-    if not told or _on_flank(np.mod(time - start, period) / duration) < max(1, flanks // 4):
+    if not told or _count_on_flank(np.mod(time - start, period) / duration) < max(1, flanks // 4):
         return None
     of_voltage, _, of_start, of_duration = (float(error) for error in found.errors)
     return SharpFlanks(voltage, period, start, duration, of_start, of_duration, of_voltage)
@@ -151,7 +151,7 @@ def sharpened_step(
     voltage, start, duration = (float(number) for number in found.numbers)
     if not _explains(found, time.size, noise, voltage):
         return None
-    if max(found.errors[1:]) > _LOCATED * interval or not _on_flank((time - start) / duration):
+    if max(found.errors[1:]) > _LOCATED * interval or not _count_on_flank((time - start) / duration):
         return None
     of_voltage, of_start, of_duration = (float(error) for error in found.errors)
     return SharpFlanks(voltage, math.inf, start, duration, of_start, of_duration, of_voltage)
@@ -234,7 +234,7 @@ def _explains(found: _Fitted, samples: int, noise: float, voltage: float) -> boo
     return left * noise < _LARGEST_MISFIT * noise + 2e-4 * abs(voltage)
 
 
-def _on_flank(passed: Samples) -> int:
+def _count_on_flank(passed: Samples) -> int:
     """Count the samples on a flank, given the fraction of the flank that has passed at each."""
     return int(np.count_nonzero((passed > _CORNER_SHARE) & (passed < 1.0 - _CORNER_SHARE)))
 

@@ -137,7 +137,7 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
                 rests = None
             located = (1.5 if simplest.uncertain else LOCATED) * interval
             located = located if simplest.timing is None else min(located, simplest.timing.within)
-            simplest = dataclasses.replace(_bounded(simplest), start=simplest.start + first)
+            simplest = dataclasses.replace(_with_frequency_bound(simplest), start=simplest.start + first)
             return begun(simplest, time, rests, 1.5 * interval, located)
     start = float(time[0]) if rests is None else _before_onset(time, volts, rests)
     # The first stair of a staircase is no voltage that was held before.
@@ -158,7 +158,7 @@ def _runs_low(found: Waveform, elapsed: Samples, volts: Samples, until: float) -
     return False
 
 
-def _bounded(found: Waveform) -> Waveform:
+def _with_frequency_bound(found: Waveform) -> Waveform:
     """`found`, which says how well its frequency is told where noise and length leave it open."""
     within = 2.0 * found.frequency_error
     said = () if within < _TOLD else (f"frequency: within {100 * within:.2g} %",)

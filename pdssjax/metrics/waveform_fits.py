@@ -250,7 +250,7 @@ def fit_triangle(time: Samples, volts: Samples, flanks: VoltageFlanks, interval:
     shape = lambda phase: np.where(phase < symmetry, phase / symmetry, (1.0 - phase) / (1.0 - symmetry))
     start = float(flanks.rises[0]) - 0.5 * symmetry * period
     numbers = {} if abs(symmetry - 0.5) < 0.01 else {"symmetry": symmetry}
-    return _laid_over(time, volts, "triangle", numbers, period, start, shape, 0.0)
+    return _place_waveform(time, volts, "triangle", numbers, period, start, shape, 0.0)
 
 
 def fit_trapezoid(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
@@ -285,7 +285,7 @@ def _trapezoid_by(time: Samples, volts: Samples, flanks: VoltageFlanks, interval
         return risen - fallen
 
     numbers = {"width": width} | ({"rise_time": rise} if rise else {}) | ({"fall_time": fall} if fall else {})
-    found = _laid_over(time, volts, "trapezoid", numbers, period, start, shape, 1.2 * interval / period, width)
+    found = _place_waveform(time, volts, "trapezoid", numbers, period, start, shape, 1.2 * interval / period, width)
     if found is None or rise or fall:
         return found
     # Jumps are located to a sample, and nothing between them tells more.
@@ -293,7 +293,7 @@ def _trapezoid_by(time: Samples, volts: Samples, flanks: VoltageFlanks, interval
     return dataclasses.replace(found, uncertain=(f"frequency: within {100 * interval / (cycles * period):.2g} %",))
 
 
-def _laid_over(
+def _place_waveform(
     time: Samples,
     volts: Samples,
     name: str,

@@ -106,8 +106,8 @@ def _table(align: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> st
     return table_html(Table([units(cell) for cell in head], [[units(cell) for cell in row] for row in rows], align))
 
 
-def paragraph(strong: str, text: str = "") -> str:
-    """One line, what matters most of it in bold."""
+def paragraph(strong: str, text: str) -> str:
+    """A paragraph of one line, what matters most of it in bold."""
     return f"<p><strong>{html.escape(strong)}</strong> {html.escape(units(text))}".rstrip() + "</p>"
 
 

@@ -78,7 +78,6 @@ if TYPE_CHECKING:
     from .study import (
         Study as Study,
         UsedNumber as UsedNumber,
-        legal_quantities as legal_quantities,
         numbers_used as numbers_used,
     )
     from .summaries import entry_summaries as entry_summaries

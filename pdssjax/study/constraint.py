@@ -30,7 +30,7 @@ class Constraint:
 
     @property
     def text(self) -> str:
-        """As a study writes it."""
+        """The inequality as a study writes it."""
         return f"{self.greater} >= {f'{self.factor:g} * ' if self.factor != 1.0 else ''}{self.lesser}"
 
     def holds(self, greater: float, lesser: float) -> bool:
@@ -112,7 +112,7 @@ def chained(parameters: Mapping[str, Parameter], constraints: Sequence[Constrain
                 "two that are positive, or two that need not be; fix one, or give the other a min or max."
             )
     while left:
-        together = _together(left[0], left)
+        together = _linked(left[0], left)
         left = [constraint for constraint in left if constraint not in together]
         paths = dict.fromkeys(path for c in together for path in (c.lesser, c.greater))
         if len(paths) <= len(together):
@@ -135,7 +135,7 @@ def chained(parameters: Mapping[str, Parameter], constraints: Sequence[Constrain
     return tuple(links)
 
 
-def _together(first: Constraint, constraints: Sequence[Constraint]) -> list[Constraint]:
+def _linked(first: Constraint, constraints: Sequence[Constraint]) -> list[Constraint]:
     """The constraints that link parameters to those of the `first` one, with that."""
     paths, count = {first.greater, first.lesser}, 0
     while len(paths) > count:

@@ -47,20 +47,20 @@ class Parameter:
 
     @property
     def origin(self) -> str:
-        """Where its number comes from, in words."""
+        """Where the number of the parameter comes from, in words."""
         if self.measured_apart is not None:
             return "measured apart"
         return self.source or ("value in the study" if self.start is None else "start in the study")
 
     def with_start(self, start: float | None, source: str = "") -> "Parameter":
-        """The same starting there, or at the bound given that the `start` lies beyond; None: to be found."""
+        """The parameter with another `start`, moved to a bound that it lies beyond; None: to be found."""
         if start is not None:
             start = start if self.low is None else max(start, self.low)
             start = start if self.high is None else min(start, self.high)
         return dataclasses.replace(self, start=start, source=source)
 
     def bounds(self, start: float | None = None) -> tuple[float, float]:
-        """Where it may lie, [low, high] in `unit`: the bounds given, or else those of the legal range.
+        """The least and the greatest value, in `unit`: the bounds given, or else those of the legal range.
 
         With a `start` a positive quantity keeps within `REACH` of it, where no bound is given.
         """

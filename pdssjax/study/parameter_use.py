@@ -1,6 +1,6 @@
 """Which parameters a prediction depends on, and the messages on those that have no effect.
 
-What is legal in a study (`legal_quantities`) is more than what its records depend on: a study of the platform knows
+What is legal in a study (`Study.legal`) is more than what its records depend on: a study of the platform knows
 the parameters of a stop.  A path that somebody names outside the study's file has to have an effect, or is refused.
 """
 
@@ -13,8 +13,8 @@ from ..core import InputError, Quantity, check_range, nearest
 from .models import Models
 from .record import Record, drive_with, shared_fields
 
-_ELECTRONICS = frozenset({"amplifier", "sensor"})
-"""Parts of every rig that is driven; the study has them where it, or what is asked of it, names their parameters."""
+ELECTRONICS = frozenset({"amplifier", "sensor"})
+"""Parts of every driven rig; a study has them where it, or a request to predict, names their parameters."""
 
 _NEEDS = {
     "stop": ("no record runs against a stop", 'a record with measures = "force"'),
@@ -37,7 +37,7 @@ def paths_read(models: Models, records: Sequence[Record]) -> list[str]:
     for record in records:
         parts |= record.measurement.parts()
         if record.measurement.driven:
-            parts |= _ELECTRONICS | ({"friction", "effector"} if models.feedback else set())
+            parts |= ELECTRONICS | ({"friction", "effector"} if models.feedback else set())
         shared |= dict.fromkeys(shared_fields(record).values())
     unused = unused_by(models)
     read = [path for path in models.declared() if path.split(".")[0] in parts and path not in unused]

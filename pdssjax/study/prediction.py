@@ -7,7 +7,7 @@ function, so that the compiler sees their integration once.
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -28,44 +28,11 @@ from ..simulation import (
 )
 from .models import Models, Values
 from .parameter import under_conditions
+from .record import Record
 from .setups import AbstractSetup, Run, with_room
 
 S = TypeVar("S", bound=eqx.Module)
 """How a record is made, without the numbers of the rig: `pdssjax.study.AbstractSetup`."""
-
-
-class RecordedRun(Protocol):
-    """The attributes of a record by which it is grouped with others of its shape."""
-
-    @property
-    def drive(self) -> AbstractDrive | None:
-        """The voltage from t = 0 on; None where a motion is prescribed."""
-        ...
-
-    @property
-    def time(self) -> Float[np.ndarray, " samples"]:
-        """Sample times [s], strictly increasing."""
-        ...
-
-    @property
-    def motion(self) -> Float[np.ndarray, " samples"] | None:
-        """The relative displacement prescribed [m]; None where it is free."""
-        ...
-
-    @property
-    def overrides(self) -> frozenset[str]:
-        """The drive's fields that the record itself sets."""
-        ...
-
-    @property
-    def conditions(self) -> frozenset[str]:
-        """Under which it was made."""
-        ...
-
-    @property
-    def role(self) -> str:
-        """ "fit" where derivatives of it will be asked for."""
-        ...
 
 
 _PARTS = 8
@@ -97,7 +64,7 @@ class RecordGroup(eqx.Module, Generic[S]):
 
 
 def record_groups(
-    records: Sequence[RecordedRun], setups: Sequence[S], segments: Sequence[int]
+    records: Sequence[Record], setups: Sequence[S], segments: Sequence[int]
 ) -> tuple[RecordGroup[S], ...]:
     """All records, in as few groups as there are shapes.
 
@@ -116,7 +83,7 @@ def record_groups(
 
 
 def _group(
-    records: Sequence[RecordedRun], setups: Sequence[S], segments: Sequence[int], places: Sequence[int]
+    records: Sequence[Record], setups: Sequence[S], segments: Sequence[int], places: Sequence[int]
 ) -> RecordGroup[S]:
     longest = max(record.time.size for record in records)
     fitted = [record.time.size for record in records if record.role == "fit"]
@@ -151,23 +118,6 @@ Ask: TypeAlias = Callable[..., Any]
 """A question about the system of a record: (`SystemOf`, parameters by path, times, and what `sensor_samples` takes)."""
 
 
-class HasSetup(Protocol):
-    """A measurement that makes setups, such as `pdssjax.study.AbstractMeasurement`."""
-
-    def setup(self, models: Models) -> AbstractSetup:
-        """How a record of it is predicted."""
-        ...
-
-
-class PredictedRecord(RecordedRun, Protocol):
-    """A record with a measurement, such as `pdssjax.study.Record`."""
-
-    @property
-    def measurement(self) -> HasSetup:
-        """The measurement of the record."""
-        ...
-
-
 class Predictor(eqx.Module):
     """Sample values of every record as a function of the parameters."""
 
@@ -176,7 +126,7 @@ class Predictor(eqx.Module):
     samples: tuple[int, ...] = eqx.field(static=True)
     """How many each record has."""
 
-    def __init__(self, models: Models, records: Sequence[PredictedRecord]):
+    def __init__(self, models: Models, records: Sequence[Record]):
         self.models = models
         self.samples = tuple(record.time.size for record in records)
         setups = [record.measurement.setup(models) for record in records]
@@ -186,7 +136,7 @@ class Predictor(eqx.Module):
             self.groups = record_groups(records, setups, segments)
 
     def until(self, ends: Float[np.ndarray, " records"]) -> "Predictor":
-        """The same, but that motions end at the times `ends` [s]: what later samples show is unknown.
+        """The predictor of motions that end at the times `ends` [s]: what later samples show is unknown.
 
         What is compiled is shared.
         """
@@ -202,11 +152,11 @@ class Predictor(eqx.Module):
     def __call__(
         self, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"] | None = None
     ) -> list[Float[Array, " samples"]]:
-        """One array a record, in the order of the records, without offsets, in its unit.
+        """Predict each record: an array of its samples, without its offset, in its unit.
 
         Those that are not `used` are not simulated, and zero; None for all.
         """
-        return self._of_records(_of_each_group(sensor_samples, self, values, accuracy, used))
+        return self._unstack(_map_groups(sensor_samples, self, values, accuracy, used))
 
     def scratch(self, values: Values, directions: Directions, accuracy: Accuracy) -> list[Scratch]:
         """Memory for `linearised`, of each group of records."""
@@ -217,7 +167,7 @@ class Predictor(eqx.Module):
     ) -> Scratch:
         (count,) = {len(direction) for direction in directions.values()}
         shape = len(group.places), group.early, count
-        of_record, records = _asking(group, self.models, values, accuracy)
+        of_record, records = _per_record(group, self.models, values, accuracy)
         first = jax.tree.map(lambda a: a[0], records)
         return of_record(lambda system, values, times, how, *_: scratch(system(values), how, shape), *first)
 
@@ -230,17 +180,17 @@ class Predictor(eqx.Module):
         memory: Sequence[Scratch],
         used: Bool[Array | np.ndarray, " records"] | None = None,
     ) -> tuple[list[Float[Array, " samples"]], list[Scratch]]:
-        """As a call gives, and the `memory`: where `sloped` it holds the derivatives along the `directions` (`slopes`).
+        """Predict each record, and where `sloped` leave its derivatives along the `directions` in the `memory`.
 
-        Compiled it is one function for both.  Records that are not fitted have no derivatives.
+        `slopes` reads them.  Compiled it is one function for both.  Records that are not fitted have no derivatives.
         """
         groups = zip(self.groups, memory, strict=True)
         found = [self._linearised(group, values, directions, sloped, accuracy, of, used) for group, of in groups]
-        return self._of_records([shown for shown, _ in found]), [of for _, of in found]
+        return self._unstack([shown for shown, _ in found]), [of for _, of in found]
 
     def slopes(self, memory: Sequence[Scratch]) -> list[Float[Array, "samples p"]]:
         """The derivatives that `linearised` left in its `memory`, of each record."""
-        return self._of_records([of.slopes for of in memory])
+        return self._unstack([of.slopes for of in memory])
 
     def _linearised(
         self,
@@ -253,8 +203,8 @@ class Predictor(eqx.Module):
         used: Bool[Array | np.ndarray, " records"] | None,
     ) -> tuple[Float[Array, "records samples"], Scratch]:
         moving = {path: values[path] for path in directions}
-        of_record, records = _asking(group, self.models, values, accuracy)
-        which = _of_group(used, group)
+        of_record, records = _per_record(group, self.models, values, accuracy)
+        which = _used_in_group(used, group)
         order = jnp.argsort(~which)  # those that are used come first
 
         def next_record(place: Count, so_far: tuple[Array, Scratch]) -> tuple[Array, Scratch]:
@@ -269,7 +219,7 @@ class Predictor(eqx.Module):
 
         return lax.fori_loop(0, jnp.sum(which), next_record, (jnp.zeros(group.runs.times.shape), memory))
 
-    def _of_records(self, stacked: list[Float[Array, "records samples ..."]]) -> list[Float[Array, "samples ..."]]:
+    def _unstack(self, stacked: list[Float[Array, "records samples ..."]]) -> list[Float[Array, "samples ..."]]:
         """What is `stacked` by group, and filled up to the longest, of each record."""
         rows = {place: (g, row) for g, group in enumerate(self.groups) for row, place in enumerate(group.places)}
         return [stacked[rows[place][0]][rows[place][1], :samples] for place, samples in enumerate(self.samples)]
@@ -304,14 +254,14 @@ def _used_or_all(
 
 @kept_jit
 def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Count]:
-    """For each record an index into `pdssjax.integration.FAILURES`: why it cannot be predicted; 0 where it can."""
+    """Why each record cannot be predicted, as an index into `pdssjax.integration.FAILURES`; 0 where it can."""
     found = dict[int, Count]()
-    for group, failed in zip(predictor.groups, _of_each_group(why_failed, predictor, values, accuracy), strict=True):
+    for group, failed in zip(predictor.groups, _map_groups(why_failed, predictor, values, accuracy), strict=True):
         found |= {place: failed[row] for row, place in enumerate(group.places)}
     return [found[place] for place in sorted(found)]
 
 
-def _of_each_group(
+def _map_groups(
     function: Callable[..., Array],
     predictor: Predictor,
     values: Values,
@@ -325,19 +275,19 @@ def _of_each_group(
     ask = lambda system, values, *how: function(system(values), *how)
 
     def of_group(group: RecordGroup[AbstractSetup]) -> Array:
-        of_record, records = _asking(group, predictor.models, values, accuracy)
+        of_record, records = _per_record(group, predictor.models, values, accuracy)
         if used is None:
             return lax.map(lambda record: of_record(ask, *record), records)
         nothing = jnp.zeros(group.runs.times.shape[1:])
         return lax.map(
             lambda both: lax.cond(both[1], lambda: of_record(ask, *both[0]), lambda: nothing),
-            (records, _of_group(used, group)),
+            (records, _used_in_group(used, group)),
         )
 
     return [of_group(group) for group in predictor.groups]
 
 
-def _of_group(
+def _used_in_group(
     used: Bool[Array | np.ndarray, " records"] | None, group: RecordGroup[AbstractSetup]
 ) -> Bool[Array, " records"]:
     """Which records of a group are used: a fit of some compiles what one of all does, and runs less."""
@@ -345,7 +295,7 @@ def _of_group(
     return jnp.ones(places.shape, bool) if used is None else jnp.asarray(used)[places]
 
 
-def _asking(
+def _per_record(
     group: RecordGroup[AbstractSetup], models: Models, values: Values, accuracy: Accuracy
 ) -> tuple[Callable[..., Any], Tree]:
     """What asks one record of a group, (ask, *record) to the answer; and the records, stacked."""

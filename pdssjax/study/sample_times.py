@@ -34,7 +34,7 @@ def check_increasing(
     column: str,
     time: Float[np.ndarray, " samples"],
     places: Int[np.ndarray, " samples"],
-    place: str = "line",
+    place: str,
 ) -> None:
     """**Raises** `InputError` that names the first of `places` at which the `time` [s] does not increase."""
     late = np.flatnonzero(np.diff(time) <= 0)

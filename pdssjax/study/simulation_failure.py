@@ -8,18 +8,16 @@ import numpy as np
 from ..core import Quantity, display_unit
 from ..integration import FAILURES, Accuracy
 from .models import Values
+from .parameter_use import ELECTRONICS
 from .prediction import Predictor, failures, predicted
 from .record import Record
 
 FACTORS = (0.3, 3.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1000.0)
 """Factors by which a parameter is changed to see whether it is the cause, the least change first."""
 
-ELECTRONICS = ("amplifier", "sensor")
-"""Parts of the rig whose parameters are changed first."""
-
 
 def failure_cause(predictor: Predictor, records: Sequence[Record], values: Values, accuracy: Accuracy) -> str:
-    """One or two sentences: what fails, and the parameter with which it would not; "" where nothing fails.
+    """What fails and the parameter with which it would not, in one or two sentences; "" where nothing fails.
 
     **Arguments:** the `records` that the `predictor` predicts, and the numbers [SI] of all parameters.  Every
     parameter is changed by itself, those of the rig's electronics first.
@@ -33,13 +31,13 @@ def failure_cause(predictor: Predictor, records: Sequence[Record], values: Value
     reason = f"in {names} {FAILURES[max(codes)]}"
     for path, declared, number in _changes(predictor, at):
         if not any(_codes(predictor, at | {path: number}, accuracy)):
-            here, there = (_shown(value, declared) for value in (at[path], number))
+            here, there = (_with_unit(value, declared) for value in (at[path], number))
             return f"{reason}. With {path} at {there} instead of {here} it can be: give that another start or value"
     return f"{reason}. No parameter changed by itself makes a difference: check the drive and all parameters"
 
 
 def _codes(predictor: Predictor, values: Mapping[str, float], accuracy: Accuracy) -> list[int]:
-    """For each record an index into `FAILURES`; 0 where it can be simulated."""
+    """Why each record cannot be simulated, as an index into `FAILURES`; 0 where it can."""
     numbers = {path: np.asarray(number, float) for path, number in values.items()}
     motions = predicted(predictor, numbers, accuracy)
     finite = [bool(np.isfinite(motion).all()) for motion in jax.device_get(motions)]
@@ -61,6 +59,6 @@ def _changes(predictor: Predictor, at: Mapping[str, float]) -> Iterator[tuple[st
                 yield path, quantity, number
 
 
-def _shown(number: float, declared: Quantity) -> str:
+def _with_unit(number: float, declared: Quantity) -> str:
     unit, scale = display_unit(declared.unit)
     return f"{number * scale:.4g} {unit}".rstrip()

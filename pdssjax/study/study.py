@@ -104,9 +104,11 @@ class Study:
         it is known (under `jit`, `vmap` and derivatives it is not); and where listed parameters are
         left with neither value nor start; `initial_guess` finds those.  It is compiled once for all values.
         """
-        return predicted(*self._asked(values, accuracy))
+        return predicted(*self._check_request(values, accuracy))
 
-    def _asked(self, values: Values | Estimate | None, accuracy: Accuracy | None) -> tuple[Predictor, Values, Accuracy]:
+    def _check_request(
+        self, values: Values | Estimate | None, accuracy: Accuracy | None
+    ) -> tuple[Predictor, Values, Accuracy]:
         require_float64("predict")
         accuracy = accuracy or self.accuracy
         check_kind("accuracy", accuracy, Accuracy)
@@ -115,7 +117,13 @@ class Study:
 
     def legal(self) -> dict[str, Quantity]:
         """The declared quantities of every parameter that the study may list, by path."""
-        return legal_quantities(self)
+        legal = self.models.declared()
+        # Also those of waveforms that no record uses: to list them does nothing, and no harm.
+        for drive in members("drive"):
+            # But the frequency: how many cycles a record holds is known before a fit.
+            numbers = quantities(member("drive", drive))
+            legal |= {f"drive.{f}": q for f, q in numbers.items() if f != "frequency"}
+        return legal | {path: legal[split_path(path)[0]] for path in self.parameters}
 
     def values(self, but: Collection[str] = ()) -> dict[str, float]:
         """The number [SI] of every listed parameter `but` those: its value or its start.
@@ -133,7 +141,7 @@ class Study:
 
     @property
     def bounded_parameters(self) -> dict[str, Parameter]:
-        """Its parameters, with bounds for free ones that a constraint ties to a fixed one."""
+        """The parameters, with bounds for free ones that a constraint ties to a fixed one."""
         return bounded_by_constraints(self.parameters, self.constraints, str(self.path or self.title))
 
     def missing(self) -> list[str]:
@@ -152,7 +160,7 @@ class Study:
         and no record depends on, unless it comes with an estimate; and for a number outside its legal range.
         """
         source = source or ("estimate" if isinstance(values, Estimate) else "given")
-        legal = legal_quantities(self)
+        legal = self.legal()
         parameters = dict(self.parameters)
         for path, number in self._numbers(values, of_estimate).items():
             parameters[path] = Parameter(path, legal[path].unit, legal[path], value=float(number), source=source)
@@ -171,7 +179,7 @@ class Study:
             self.models.check_same(values.actuator, "values")
             values = {path: parameter.value for path, parameter in values.parameters.items()}
         check_kind("values", values, Mapping)
-        legal = legal_quantities(self)
+        legal = self.legal()
         for path in values:
             if path not in legal:
                 raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')
@@ -209,7 +217,7 @@ class Study:
                 parameters[path] = parameters[path].with_start(start, source)
         return dataclasses.replace(self, parameters=parameters)
 
-    def as_in(self, record: Record) -> "Study":
+    def for_record(self, record: Record) -> "Study":
         """The study with those parameters that hold in a `record`, by paths without a condition, and no others."""
         held = {}
         for base, path in paths_in(self.parameters, record.conditions).items():
@@ -227,7 +235,7 @@ class Study:
         return Models(*chosen, parts_told_by(self.parameters), self.rests_under_load)
 
     def models_with(self, paths: Collection[str]) -> Models:
-        """The same with those parts of a rig that parameters of these `paths` tell: amplifier, low-pass."""
+        """The models with the parts of a rig that parameters of these `paths` tell: amplifier, low-pass."""
         return dataclasses.replace(self.models, parts=self.models.parts | parts_told_by(paths))
 
     @functools.cached_property
@@ -247,17 +255,6 @@ class Study:
         return {}
 
 
-def legal_quantities(study: Study) -> dict[str, Quantity]:
-    """All parameters that the study may list, by path."""
-    legal = study.models.declared()
-    # Also those of waveforms that no record uses: to list them does nothing, and no harm.
-    for drive in members("drive"):
-        # But the frequency: how many cycles a record holds is known before a fit.
-        numbers = quantities(member("drive", drive))
-        legal |= {f"drive.{f}": q for f, q in numbers.items() if f != "frequency"}
-    return legal | {path: legal[split_path(path)[0]] for path in study.parameters}
-
-
 class UsedNumber(TypedDict):
     """The number of a parameter, as plain data."""
 
@@ -271,7 +268,7 @@ class UsedNumber(TypedDict):
 
 
 def numbers_used(study: Study, but: Collection[str] = ()) -> dict[str, UsedNumber]:
-    """By path, the number of every listed parameter `but` those.
+    """The number of every listed parameter by its path, `but` for some.
 
     **Raises:** `InputError` for parameters without a number.
     """

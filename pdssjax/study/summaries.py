@@ -20,11 +20,11 @@ def first_sentence(told: str) -> str:
 
 
 def entry_summaries() -> dict[str, str]:
-    """By name, the first sentence of each member's module, or of a part's class."""
-    return {name: first_sentence(_told(name)) for name in entry_names()}
+    """The first sentence of each member's module, or of a part's class, by name."""
+    return {name: first_sentence(_module_text(name)) for name in entry_names()}
 
 
-def _told(name: str) -> str:
+def _module_text(name: str) -> str:
     said, mark, short = name.partition("/")
     if mark:
         return docstring_of(f"{FAMILIES[said]}.{short.replace('-', '_')}")

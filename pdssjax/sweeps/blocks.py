@@ -81,7 +81,7 @@ def extended(plan: BlockPlan, held: Float[np.ndarray, "held paths"]) -> BlockPla
     return dataclasses.replace(plan, values=plan.values[places], order=plan.order[places])
 
 
-def plan_blocks(paths: tuple[str, ...], values: Float[np.ndarray, "points paths"], lanes: int = LANES) -> BlockPlan:
+def plan_blocks(paths: tuple[str, ...], values: Float[np.ndarray, "points paths"], lanes: int) -> BlockPlan:
     """Points of like pace together; the same for the same points."""
     pace = [values[:, paths.index(path)] for path in reversed(_PACE) if path in paths]
     order = np.lexsort(pace) if pace else np.arange(len(values))

@@ -82,33 +82,33 @@ def find_border(
         signed = metric == "efficiency" or level == 0.0
         return (values if signed else np.abs(values)) - level
 
-    border, passes = _searched(probe, grid.values(), np.linspace(*ends, coarse), tolerance)
+    border, passes = _search(probe, grid.values(), np.linspace(*ends, coarse), tolerance)
     unit = planned.function.cycle.metrics[metric].unit
     asked_for = dict(path=path, low=ends[0], high=ends[1], tolerance=tolerance, metric=metric, level=level)
     said = {"of": f"{metric} = {level:g}" + (f" {unit}" if unit != "1" else ""), "points": asked}
     return _labelled(planned, grid, border, passes, asked_for | said)
 
 
-def _searched(
+def _search(
     probe: Probe, at: Float[np.ndarray, "points paths"], along: Float[np.ndarray, " coarse"], tolerance: float
 ) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
     """The border at each of the points `at`, and how often it is passed on the grid `along`."""
     whole = np.concatenate([np.repeat(at, len(along), axis=0), np.tile(along, len(at))[:, None]], axis=1)
-    above = _above(probe(whole)).reshape(len(at), len(along))
+    above = _is_above(probe(whole)).reshape(len(at), len(along))
     turns = above[:, 1:] != above[:, :-1]
     passes, first = turns.sum(axis=1), turns.argmax(axis=1)
     there = np.flatnonzero(passes)
     low, high, beneath = along[first[there]], along[first[there] + 1], above[there, first[there]]
     while there.size and (high - low).max() > tolerance:
         middle = 0.5 * (low + high)
-        same = _above(probe(np.column_stack([at[there], middle]))) == beneath
+        same = _is_above(probe(np.column_stack([at[there], middle]))) == beneath
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     border = np.full(len(at), np.nan)
     border[there] = 0.5 * (low + high)
     return border, passes.astype(float)
 
 
-def _above(values: Float[np.ndarray, " points"]) -> Bool[np.ndarray, " points"]:
+def _is_above(values: Float[np.ndarray, " points"]) -> Bool[np.ndarray, " points"]:
     """Whether the level is passed; what has no value has not passed it."""
     return np.nan_to_num(values, nan=-1.0) > 0
 

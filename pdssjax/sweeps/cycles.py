@@ -248,9 +248,14 @@ def step_metrics(course: Course) -> dict[str, Scalar]:
     found, places = cycles_at(when, effector), effector[:, 0]
     net = (places[course.span] - places[0]) / course.span
     stroke = mean_over_cycles(course, found.stroke)
-    by_name = dict(net_step=net, speed=net * when.frequency, efficiency=net / stroke, stroke=stroke)
-    by_name |= dict(back_slip=stroke - net)
-    return {name: by_name[name] for name in METRICS}
+    return _metrics_of(net, stroke, when.frequency)
+
+
+def _metrics_of(net: Scalar, stroke: Scalar, frequency: Scalar) -> dict[str, Scalar]:
+    """`METRICS`, by name and in their order, of the net step and the stroke of a cycle."""
+    found = {"efficiency": net / stroke, "stroke": stroke, "back_slip": stroke - net}
+    found |= {"net_step": net, "speed": net * frequency}
+    return {name: found[name] for name in METRICS}
 
 
 def steps_within(course: Course) -> tuple[Bool[Array, " room"], Count]:
@@ -274,7 +279,7 @@ class Numbered(AbstractCycle):
 
     @property
     def accuracy(self) -> Accuracy:
-        """This agrees with single runs to 1e-4 um."""
+        """Fine enough to agree with single runs to 1e-4 um."""
         return Accuracy(tolerance=3e-11, method=SIDE_BY_SIDE)
 
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
@@ -379,16 +384,15 @@ def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -
     """The metrics, in the mean over the cycles until the motion repeats, or over the last where it does not."""
     when = timing(system.drive)
     effector = jax.vmap(lambda x: effector_at(system, x))(cycles.x)
-    last, found = effector.shape[0], cycles_at(when, effector)
+    last = effector.shape[0]
     span = jnp.where(period > 0, period, last - 1)
     counts = jnp.arange(last - 1) >= last - 1 - span
     mean = lambda values: jnp.sum(jnp.where(counts, values, 0.0)) / span
     # What a steady cycle shifts is the same at every phase; flanks that still ring would tell it less well.
     net = (effector[-1, 0] - effector[last - 1 - span, 0]) / span
-    stroke = mean(found.stroke)
-    by_name = dict(net_step=net, speed=net * when.frequency, efficiency=net / stroke, stroke=stroke)
-    by_name |= dict(back_slip=stroke - net, cycles_to_repeat=period * 1.0, decay=decay)
-    return jnp.stack([by_name[name] for name in (METRICS | _OWN)])
+    stroke = mean(cycles_at(when, effector).stroke)
+    found = _metrics_of(net, stroke, when.frequency) | {"cycles_to_repeat": period * 1.0, "decay": decay}
+    return jnp.stack([found[name] for name in METRICS | _OWN])
 
 
 def _ratio(cycles: Cycles) -> Scalar:

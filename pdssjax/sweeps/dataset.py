@@ -1,12 +1,10 @@
-"""The results of a sweep as an `xarray.Dataset` with units, the numbers held fixed, and why points failed.
+"""The coordinates of a sweep's dataset, its plots, and bands about its metrics.
 
 Bands tell how well its metrics are known, given what is known of the parameters.  From draws: mean, standard deviation
 and quantiles.  From sigma points: to first order, with a flag where the metric bends or breaks within the uncertainty,
 so that first order does not do (`SigmaPoints`).
 """
 
-import dataclasses
-import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -14,12 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Figure, InputError, Quantity, presenter
-from ..study import Record, Study, UsedNumber
-from .blocks import GRAZING, POINT_FAILURES
-from .cycles import Metric
-from .point import PointFunction
+from .blocks import GRAZING
 from .points import STEP, AbstractPoints
-from .request_check import drive_of
 
 if TYPE_CHECKING:
     import xarray
@@ -28,68 +22,12 @@ Coordinate: TypeAlias = tuple[str, Float[np.ndarray, " values"], dict[str, str]]
 """Dimension, values and attributes, as xarray takes them."""
 
 
-def labelled(
-    study: Study,
-    base: Record,
-    points: AbstractPoints,
-    declared: Mapping[str, Quantity],
-    found: Float[np.ndarray, "points columns"],
-    function: PointFunction,
-    used: Mapping[str, UsedNumber],
-) -> "xarray.Dataset":
-    """The results at the `points`, metrics and failure, laid out along the dimensions of the points."""
-    import xarray
-
-    register_plot()
-    names, shape = list(points.dimensions()), tuple(points.dimensions().values())
-    data = {
-        name: (names, found[:, i].reshape(shape), _attributes(metric))
-        for i, (name, metric) in enumerate(function.columns.items())
-    }
-    meanings = "; ".join(f"{i}: {sentence or 'none'}" for i, sentence in enumerate(POINT_FAILURES))
-    failure = found[:, -1].astype(np.int8).reshape(shape)
-    data["failure"] = (names, failure, {"long_name": "why a point has no value", "meanings": meanings})
-    attributes = {
-        "title": study.title,
-        "record": base.name,
-        "cycles": function.cycle.described,
-        "drive": type(base.drive).__name__,
-    }
-    attributes["parameters"] = json.dumps({**used, **_scattered(study, points, declared)})
-    of_drive = {
-        f"drive.{field.name}": float(getattr(base.drive, field.name))
-        for field in dataclasses.fields(drive_of(base))
-        if f"drive.{field.name}" not in points.paths and isinstance(getattr(base.drive, field.name), float | int)
-    }
-    # What the study says of its drives is what was run with, not the record's own defaults.
-    held = of_drive | {path: told["value"] for path, told in used.items()}
-    return xarray.Dataset(data, coordinates_of(points, declared), attributes | held)
-
-
 def coordinates_of(points: AbstractPoints, declared: Mapping[str, Quantity]) -> dict[str, Coordinate]:
     """The coordinates of the `points`, by name."""
     return {
         path.replace(".", "_"): (dimension, values, {"units": declared[path].unit or "1", "long_name": path})
         for path, (dimension, values) in points.coordinates().items()
     }
-
-
-def _scattered(study: Study, points: AbstractPoints, declared: Mapping[str, Quantity]) -> dict[str, UsedNumber]:
-    """By path, the numbers about which the points scatter, as far as they are known, and how far."""
-    told: dict[str, UsedNumber] = {}
-    for path, (about, error) in points.scattered().items():
-        listed = study.parameters.get(path)
-        known = None if listed is None else listed.number
-        number = known if about is None else about
-        if number is not None:
-            source = listed.origin if listed is not None and number == known else "given"
-            told[path] = {"value": number, "unit": declared[path].unit, "source": source, "standard_error": error}
-    return told
-
-
-def _attributes(metric: Metric) -> dict[str, str]:
-    """Attributes of a variable; those of a derivative name the quantity by which it is taken."""
-    return {"units": metric.unit, "long_name": metric.says} | ({"by": metric.by} if metric.by else {})
 
 
 class SweepAccessor:
@@ -144,7 +82,7 @@ def with_bands(data: "xarray.Dataset") -> "xarray.Dataset":
     dimension = next((name for name in ("draw", "sigma_point") if name in data.dims), None)
     if dimension is None:
         raise ValueError(f"Expected a sweep over draws or sigma points, but its dimensions are {tuple(data.dims)}.")
-    bands = _of_draws if dimension == "draw" else _of_sigma_points
+    bands = _bands_of_draws if dimension == "draw" else _of_sigma_points
     along = [name for name in data.coords if dimension in data[name].dims]
     kept = data.drop_vars(along)
     found = kept.drop_vars(list(kept.data_vars))
@@ -161,7 +99,7 @@ def with_bands(data: "xarray.Dataset") -> "xarray.Dataset":
     return found.assign_attrs(bands="draws" if dimension == "draw" else "first order")
 
 
-def _of_draws(values: "xarray.DataArray", dimension: str) -> dict[str, "xarray.DataArray"]:
+def _bands_of_draws(values: "xarray.DataArray", dimension: str) -> dict[str, "xarray.DataArray"]:
     low, high = 0.5 * (1.0 - COVERED), 0.5 * (1.0 + COVERED)
     ends = values.quantile([low, high], dimension).drop_vars("quantile")
     mean, sd = values.mean(dimension), values.std(dimension, ddof=1)

@@ -112,7 +112,7 @@ def check_travels(document: Document) -> None:
 
 
 def differences(document: Document, other: Document, at: str = "") -> list[str]:
-    """Where two documents differ, each as "parameters.friction.f_ss_a: 0.8, not 0.7"; the first is called for."""
+    """What differs from the `document` in the other one, such as "parameters.friction.f_ss_a: 0.8, not 0.7"."""
     found: list[str] = []
     for key in sorted({*document, *other}):
         here, there = document.get(key), other.get(key)
@@ -120,11 +120,11 @@ def differences(document: Document, other: Document, at: str = "") -> list[str]:
         if isinstance(here, dict) and isinstance(there, dict):
             found += differences(here, there, name)
         elif here != there:
-            found.append(f"{name}: {_told(there)}, not {_told(here)}")
+            found.append(f"{name}: {_value_text(there)}, not {_value_text(here)}")
     return found
 
 
-def _told(value: object) -> str:
+def _value_text(value: object) -> str:
     return "none" if value is None else f"{value!r}" if isinstance(value, float) else str(value)
 
 
@@ -150,9 +150,9 @@ def run_blocks(
     document: Document,
     plan: BlockPlan,
     numbers: Iterable[int],
-    executor: Executor | None = None,
-    workers: int | None = None,
-    in_flight: int | None = None,
+    executor: Executor | None,
+    workers: int | None,
+    in_flight: int | None,
 ) -> Generator[tuple[int, Callable[[], Block]], None, None]:
     """Compute the blocks `numbers` of the `plan`; yield each as it is done, with a call for its results.
 
@@ -174,11 +174,11 @@ def run_block(text: str, number: int, points: Float[np.ndarray, "lanes paths"]) 
     """Compute the block `number` of the job `text` at its `points`: the task of a worker."""
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         prepare_jax()
-    return number, compute_block(_rebuilt(text), points)
+    return number, compute_block(_cached_function(text), points)
 
 
 @functools.lru_cache(maxsize=4)
-def _rebuilt(text: str) -> PointFunction:
+def _cached_function(text: str) -> PointFunction:
     """The function of a job, built once in a process; JAX keeps what it compiled of it."""
     document = json.loads(text)
     if document["pdssjax"] != package_version():

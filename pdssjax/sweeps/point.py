@@ -168,10 +168,10 @@ def compute_block(
     function: PointFunction, points: Float[np.ndarray, "lanes paths"]
 ) -> Float[np.ndarray, "lanes columns"]:
     """Metrics and failure of each point of a block, one row a point."""
-    found = _rows(_side_by_side(function, _filled_up(points, whole_shares(len(points)))))[: len(points)]
+    found = np.column_stack(_results(_side_by_side, function, points, len(points)))
     left = np.flatnonzero(function.cycle.unfinished(found[:, :-1]))
-    for few in _in_turns(left):
-        found[few] = np.column_stack(_found_of(_one_by_one, function, points[few]))
+    for few in _batches(left):
+        found[few] = np.column_stack(_results(_one_by_one, function, points[few]))
     return _with_details(function, points, found) if function.further or function.by else found
 
 
@@ -183,8 +183,8 @@ def _with_details(
     # What fills up a block is its last point again, and need not be computed again.
     last = _last_of_its_kind(points)
     sound = np.flatnonzero(np.isin(found[: last + 1, -1], (0, GRAZING)))
-    for few in _in_turns(sound):
-        numbers, failure = _found_of(_detailed, function, points[few])
+    for few in _batches(sound):
+        numbers, failure = _results(_details, function, points[few])
         known = np.where(np.isfinite(numbers) & np.isin(failure, (0, GRAZING))[:, None], numbers, np.nan)
         details[few] = known
         whole = np.where(np.isfinite(known).all(axis=1), 0, INCOMPLETE)
@@ -193,25 +193,23 @@ def _with_details(
     return np.column_stack([found[:, :-1], details, found[:, -1]])
 
 
-def _found_of(
+def _results(
     compute: Callable[[PointFunction, Array], tuple[Array, Array]],
     function: PointFunction,
     points: Float[np.ndarray, "few paths"],
+    room: int = _FEW,
 ) -> tuple[Float[np.ndarray, "few columns"], Int[np.ndarray, " few"]]:
-    """Results of `compute` at the points of one call, and their failures."""
-    numbers, failure = compute(function, _filled_up(points, whole_shares(_FEW)))
+    """Results of `compute` at the points of one call, which has `room` for so many at least, and their failures."""
+    count = whole_shares(room)
+    # What there is room for besides is some of the points again.
+    numbers, failure = compute(function, jnp.asarray(np.resize(points, (count, points.shape[1]))))
     return np.asarray(numbers)[: len(points)], np.asarray(failure)[: len(points)]
 
 
-def _in_turns(chosen: Int[np.ndarray, " chosen"]) -> Iterator[Int[np.ndarray, " few"]]:
+def _batches(chosen: Int[np.ndarray, " chosen"]) -> Iterator[Int[np.ndarray, " few"]]:
     """The points that are computed in one call, call after call."""
     most = whole_shares(_FEW)
     return (chosen[begin : begin + most] for begin in range(0, len(chosen), most))
-
-
-def _filled_up(points: Float[np.ndarray, "some paths"], count: int) -> Float[Array, "count paths"]:
-    """`count` points: these, and some of them again."""
-    return jnp.asarray(np.resize(points, (count, points.shape[1])))
 
 
 def _last_of_its_kind(points: Float[np.ndarray, "lanes paths"]) -> int:
@@ -234,12 +232,7 @@ def _one_by_one(
 
 
 @eqx.filter_jit
-def _detailed(
+def _details(
     function: PointFunction, points: Float[Array, "few paths"]
 ) -> tuple[Float[Array, "few details"], Int[Array, " few"]]:
     return shared_out(lambda share: jax.lax.map(function.details, share), points)
-
-
-def _rows(found: tuple[Float[Array, "lanes metrics"], Int[Array, " lanes"]]) -> Float[np.ndarray, "lanes columns"]:
-    metrics, failure = found
-    return np.concatenate([np.asarray(metrics), np.asarray(failure, float)[:, None]], axis=1)

@@ -53,7 +53,7 @@ class AbstractPoints(abc.ABC):
         """The numbers [SI] of all points, the last dimension running fastest."""
 
     def coordinates(self) -> dict[str, tuple[str, Float[np.ndarray, " values"]]]:
-        """By path, the dimension along which it changes, and its values there [SI]; by default the only one."""
+        """The dimension along which each path changes, by default the only one, and its values there [SI]."""
         (dimension,) = self.dimensions()
         return {path: (dimension, column) for path, column in zip(self.paths, self.values().T, strict=True)}
 

@@ -35,7 +35,7 @@ def driven_record(study: Study, name: str | None) -> Record:
 def _by_peak(record: Record, study: Study) -> Record:
     if "drive.voltage" in study.parameters:
         return record
-    drive, listed = drive_of(record), study.as_in(record).parameters
+    drive, listed = drive_of(record), study.for_record(record).parameters
     shared = {field: p.number for field in drive.numbers() if (p := listed.get(f"drive.{field}")) is not None}
     known = {f: number for f, number in shared.items() if number is not None and f not in record.overrides}
     return dataclasses.replace(record, drive=drive.with_numbers(known).told_by_peak())
@@ -147,7 +147,7 @@ def contradictions(
     return np.array(broken)[which.ravel()]
 
 
-def check_asked(metrics: Sequence[str], cycle: AbstractCycle, known: Sequence[str]) -> None:
+def check_metrics(metrics: Sequence[str], cycle: AbstractCycle, known: Sequence[str]) -> None:
     """**Raises** `InputError` for further `metrics` that there are not, or that lack something.
 
     **Arguments:** `known` are the paths that have a number at every point.

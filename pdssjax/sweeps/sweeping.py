@@ -5,6 +5,7 @@ A point that fails is NaN, and says why.  Memory stays that of a few blocks howe
 
 import contextlib
 import dataclasses
+import json
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
@@ -27,13 +28,22 @@ from ..core import (
 )
 from ..integration import TAYLOR, Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
-from .blocks import SKIPPED, AbstractBlockStore, BlockPlan, MemoryStore, check_memory, lanes_here, plan_blocks
+from .blocks import (
+    POINT_FAILURES,
+    SKIPPED,
+    AbstractBlockStore,
+    BlockPlan,
+    MemoryStore,
+    check_memory,
+    lanes_here,
+    plan_blocks,
+)
 from .cycles import measured_cycle
-from .dataset import labelled
+from .dataset import coordinates_of, register_plot
 from .execution import job_document, run_blocks
 from .point import PointFunction
 from .points import AbstractPoints, Grid
-from .request_check import check_asked, check_axes, check_effects, contradictions, drive_of, driven_record, numbers_by
+from .request_check import check_axes, check_effects, check_metrics, contradictions, drive_of, driven_record, numbers_by
 
 if TYPE_CHECKING:
     import xarray
@@ -78,7 +88,7 @@ def plan_sweep(
     if drive_of(base).flanks() is None:
         lacks = "a cycle without a slow and a fast flank, which has no stroke, back-slip and efficiency: they are NaN"
         warnings.warn(f'sweep: found the drive {drive_of(base)} in "{base.name}", {lacks}.', InputWarning, 3)
-    study = study.as_in(base)
+    study = study.for_record(base)
     check_memory(len(points), len(points.paths), len(cycle.metrics) + len(metrics))
     values = points.values()
     declared = check_axes(study, base, points.paths, values)
@@ -89,7 +99,7 @@ def plan_sweep(
     fine = accuracy or cycle.accuracy
     if accuracy is None and study.solver != TAYLOR:
         fine = dataclasses.replace(fine, method=study.accuracy.method)
-    check_asked(metrics, cycle, [*points.paths, *numbers])
+    check_metrics(metrics, cycle, [*points.paths, *numbers])
     numbers |= numbers_by(derivatives, study, base, [*points.paths, *numbers])
     check_effects(study, base, derivatives, metrics)
     function = PointFunction(
@@ -165,9 +175,7 @@ def sweep(
         planned = dataclasses.replace(planned, plan=plan)
         _run(planned, pending, store, progress, executor, workers, in_flight)
         found = _in_order(planned, store)
-    return labelled(
-        planned.study, planned.base, planned.points, planned.declared, found, planned.function, planned.used
-    )
+    return labelled(planned, found)
 
 
 def _check_workers(executor: Executor | None, workers: int | None, in_flight: int | None) -> None:
@@ -193,7 +201,7 @@ def _run(
     done = total - sum(size(number) for number in pending)
     kept = 0
     blocks = run_blocks(planned.function, planned.document, plan, pending, executor, workers, in_flight)
-    with contextlib.closing(blocks), _broken_told():
+    with contextlib.closing(blocks), _refusing_broken_executors():
         for number, found in blocks:
             try:
                 rows = found()[: size(number)]
@@ -213,7 +221,7 @@ def _run(
 
 
 @contextlib.contextmanager
-def _broken_told() -> Iterator[None]:
+def _refusing_broken_executors() -> Iterator[None]:
     """An executor that takes or gives no more blocks ends a sweep with a line."""
     try:
         yield
@@ -232,3 +240,48 @@ def _in_order(planned: PlannedSweep, store: AbstractBlockStore) -> Float[np.ndar
     found[:, -1] = SKIPPED
     found[planned.plan.order] = rows
     return found
+
+
+def labelled(planned: PlannedSweep, found: Float[np.ndarray, "points columns"]) -> "xarray.Dataset":
+    """The results at the points, metrics and failure, laid out along the dimensions of the points."""
+    import xarray
+
+    register_plot()
+    points, base, function = planned.points, planned.base, planned.function
+    names, shape = list(points.dimensions()), tuple(points.dimensions().values())
+    data = {}
+    for i, (name, metric) in enumerate(function.columns.items()):
+        said = {"units": metric.unit, "long_name": metric.says} | ({"by": metric.by} if metric.by else {})
+        data[name] = (names, found[:, i].reshape(shape), said)
+    meanings = "; ".join(f"{i}: {sentence or 'none'}" for i, sentence in enumerate(POINT_FAILURES))
+    failure = found[:, -1].astype(np.int8).reshape(shape)
+    data["failure"] = (names, failure, {"long_name": "why a point has no value", "meanings": meanings})
+    attributes = {
+        "title": planned.study.title,
+        "record": base.name,
+        "cycles": function.cycle.described,
+        "drive": type(base.drive).__name__,
+        "parameters": json.dumps({**planned.used, **_scattered(planned)}),
+    }
+    of_drive = {
+        f"drive.{field.name}": float(getattr(base.drive, field.name))
+        for field in dataclasses.fields(drive_of(base))
+        if f"drive.{field.name}" not in points.paths and isinstance(getattr(base.drive, field.name), float | int)
+    }
+    # What the study says of its drives is what was run with, not the record's own defaults.
+    held = of_drive | {path: told["value"] for path, told in planned.used.items()}
+    return xarray.Dataset(data, coordinates_of(points, planned.declared), attributes | held)
+
+
+def _scattered(planned: PlannedSweep) -> dict[str, UsedNumber]:
+    """The numbers about which the points scatter, by path, as far as they are known, and how far."""
+    told: dict[str, UsedNumber] = {}
+    for path, (about, error) in planned.points.scattered().items():
+        listed = planned.study.parameters.get(path)
+        known = None if listed is None else listed.number
+        number = known if about is None else about
+        if number is not None:
+            source = listed.origin if listed is not None and number == known else "given"
+            unit = planned.declared[path].unit
+            told[path] = {"value": number, "unit": unit, "source": source, "standard_error": error}
+    return told

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from scipy import stats
+from walk_files import guessed, study_of, text_of
 
 from experiments import from_files
 from experiments.from_files import TRUTH, Rig, drawn_rig, told, true_flanks, write_files
 from pdssjax import identify, load_study
 from pdssjax.cli import main as cli
-from pdssjax.files import Hints, Told, guess_file
-from pdssjax.files.new_study import study_text
 from pdssjax.study import make_recordings
 
 RIGS = {
@@ -67,11 +66,9 @@ def test_a_noisy_voltage_is_in_the_error_of_the_gain(tmp_path):
     for number in range(60):
         random = np.random.default_rng([7, number])
         noisy = volts + random.normal(0.0, 0.052, time.size), made.true + random.normal(0.0, 5e-9, time.size)
-        table = np.stack([time + 1.000061, noisy[0], 1e6 * noisy[1]], axis=1)
-        np.savetxt(tmp_path / "step.csv", table, delimiter=",", header="t_s,u_V,x_um", comments="")
-        found = guess_file(tmp_path / "step.csv", Hints({}, {}, {}), Told())
-        (tmp_path / "study.toml").write_text(study_text([found], Told(), tmp_path, "noisy"))
-        gain = identify(load_study(tmp_path / "study.toml")).parameters["piezo.gain"]
+        text = text_of("t_s,u_V,x_um", time + 1.000061, noisy[0], 1e6 * noisy[1], form=".18e")
+        _, study = study_of(tmp_path, guessed(tmp_path, text))
+        gain = identify(study).parameters["piezo.gain"]
         off.append((gain.value - 0.152e-6) / gain.standard_error)
     assert 0.82 < np.sqrt(np.mean(np.square(off))) < 1.18
     assert np.count_nonzero(np.abs(off) < 1.96) >= 53

@@ -80,11 +80,17 @@ def test_intervals_that_a_method_has_not_are_refused_before_any_work(calls, tmp_
     assert calls.studies == [] and not (tmp_path / "out").exists()
 
 
-def test_of_several_methods_those_with_other_intervals_say_so(calls, tmp_path):
-    assert cli.main(["identify", "--out", str(tmp_path), "--method", "both", "--intervals", "profile"]) == 0
-    note = "No profile: the sequential method has none, and its intervals are linear."
-    assert note in " ".join((tmp_path / "sequential" / "report.txt").read_text().split())
-    assert "No profile" not in (tmp_path / "joint" / "report.txt").read_text()
+@pytest.mark.parametrize(
+    ("option", "value", "note"),
+    [
+        ("--intervals", "profile", "the sequential method has none, and its intervals are linear."),
+        ("--loss", "huber", "the sequential method has no robust loss, and glitches pull it as they do least squares."),
+    ],
+)
+def test_of_several_methods_those_without_what_was_asked_for_say_so(calls, tmp_path, option, value, note):
+    assert cli.main(["identify", "--out", str(tmp_path), "--method", "both", option, value]) == 0
+    assert f"No {value}: {note}" in " ".join((tmp_path / "sequential" / "report.txt").read_text().split())
+    assert f"No {value}" not in (tmp_path / "joint" / "report.txt").read_text()
 
 
 def test_several_methods_broken_off_while_the_first_was_drawn_go_on_with_all(calls, tmp_path, capsys):
@@ -96,13 +102,6 @@ def test_several_methods_broken_off_while_the_first_was_drawn_go_on_with_all(cal
     assert calls.methods == ["joint", "sequential"]
     begun, anew = (drawing.store.begun() for drawing in calls.drawings)
     assert begun["seed"] == 0 and anew is None
-
-
-def test_of_several_methods_those_without_a_robust_loss_say_so(calls, tmp_path):
-    assert cli.main(["identify", "--out", str(tmp_path), "--method", "both", "--loss", "huber"]) == 0
-    note = "No huber: the sequential method has no robust loss, and glitches pull it as they do least squares."
-    assert note in " ".join((tmp_path / "sequential" / "report.txt").read_text().split())
-    assert "No huber" not in (tmp_path / "joint" / "report.txt").read_text()
 
 
 def test_peaks_alone_are_a_method_of_their_own(calls, tmp_path, capsys):

@@ -8,13 +8,12 @@ import fastjsonschema
 import instrument_files
 import numpy as np
 import pytest
-from walk_files import text_of
+from walk_files import guessed, study_of, text_of
 
 from pdssjax import InputError, load_study
 from pdssjax.cli import main as cli
 from pdssjax.drive.sampled import Sampled
-from pdssjax.files import EXAMPLE, Hints, Told, guess_file
-from pdssjax.files.new_study import study_text
+from pdssjax.files import EXAMPLE, RigOptions
 from pdssjax.files.study_schema import study_schema
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -40,7 +39,7 @@ def table_of(name):
 
 
 def without_header(file, name, order=(0, 1, 2)):
-    np.savetxt(file, table_of(name)[:, order], fmt="%.6f", delimiter=",")
+    file.write_text(text_of("", *table_of(name)[:, order].T).lstrip())
     return {}, UNITS
 
 
@@ -65,7 +64,7 @@ def as_an_oscilloscope(file, name):
 
 def upside_down(file, name):
     time, volts, motion = table_of(name).T
-    np.savetxt(file, np.stack([time, volts, -motion], 1), delimiter=",", header="t_s,u_V,x_um", comments="")
+    file.write_text(text_of("t_s,u_V,x_um", time, volts, -motion))
     return {}, {}
 
 
@@ -91,7 +90,7 @@ def test_the_rigs_records_are_told_however_they_are_written(tmp_path, way, name)
     file = tmp_path / "run.csv"
     columns, units = way(file, name)
     scales = {"displacement": "2 um/V"} if way is as_an_oscilloscope else {}
-    found = guess_file(file, Hints(columns, units, scales), Told())
+    found = guessed(tmp_path, file, columns, units, scales)
     guess, (waveform, direction, voltage, frequency) = found.guess, RIG[name]
     assert (guess.waveform.name, guess.waveform.direction) == (waveform, direction)
     assert guess.measures == ("platform" if waveform == "step" else "effector")
@@ -106,9 +105,7 @@ def test_the_rigs_records_are_told_however_they_are_written(tmp_path, way, name)
     assert guess.noise == pytest.approx(0.0108e-6, rel=0.1)
     assert guess.resolution == pytest.approx(0.01e-6, rel=1e-3)
     np.testing.assert_allclose(guess.motion, 1e-6 * motion, atol=2e-12)
-    text = study_text([found], Told(mass=0.086), tmp_path, "as found")
-    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
-    study = load_study(tmp_path / "study.toml")
+    text, study = study_of(tmp_path, found, rig=RigOptions(mass=0.086))
     (record,) = study.records
     np.testing.assert_allclose(record.measured, 1e-6 * motion, atol=2e-12)
     delay = study.parameters.get("sensor.delay@run")
@@ -123,21 +120,21 @@ def test_the_rigs_records_are_told_however_they_are_written(tmp_path, way, name)
 @pytest.mark.filterwarnings("ignore:.*at least one period:pdssjax.core.errors.InputWarning")
 def test_a_record_without_a_voltage_is_told_by_its_slips(tmp_path):
     columns = {"displacement": "end_effector_displacement_um", "voltage": "none"}
-    told = Told(peak=30.0, mass=0.1)
-    found = guess_file(LIU / "endeffector_3to5s_500Hz.csv", Hints(columns, {}, {}), told)
+    rig = RigOptions(peak=30.0, mass=0.1)
+    found = guessed(tmp_path, LIU / "endeffector_3to5s_500Hz.csv", columns, rig=rig)
     wave = found.guess.waveform
     assert (wave.name, wave.direction, wave.begins) == ("sawtooth", "forward", "clock")
     assert wave.numbers == {"voltage": 30.0, "frequency": pytest.approx(5.0, rel=1e-3)}
     assert found.guess.start == 0.0
-    alone = guess_file(LIU / "fig22_slip_event_1kHz.csv", Hints(columns, {}, {}), Told(peak=30.0, frequency=5.0))
+    once = RigOptions(peak=30.0, frequency=5.0)
+    alone = guessed(tmp_path, LIU / "fig22_slip_event_1kHz.csv", columns, rig=once)
     assert (alone.guess.waveform.direction, alone.guess.start) == ("forward", 0.0)
-    (tmp_path / "study.toml").write_text(study_text([found, alone], told, tmp_path, "Liu"), encoding="utf-8")
-    study = load_study(tmp_path / "study.toml")
+    _, study = study_of(tmp_path, found, alone, rig=rig)
     assert study.parameters["drive.fall_time"].free and len(study.records) == 2
 
 
-def hysteresis(file, cycles=12, sets_in=False):
-    """A platform that follows a 1 Hz sine [V] in loops, with creep, at 200 Hz; it runs already unless it `sets_in`."""
+def hysteresis(cycles=12, sets_in=False, noise=0.0):
+    """The file of a platform that follows a 1 Hz sine in loops, with creep, at 200 Hz; unless it `sets_in` it runs."""
     time = 0.005 * np.arange(200 * cycles)
     volts = 1.8 + 1.8 * np.sin(2 * np.pi * time)
     play, center = np.zeros(time.size), 1.2
@@ -147,9 +144,8 @@ def hysteresis(file, cycles=12, sets_in=False):
     motion = 20.0 * volts + 15.0 * play + 2.0 * np.log1p(time) + 0.03 * np.random.default_rng(2).normal(size=time.size)
     if sets_in:
         motion = motion * (1.0 - np.exp(-time / 0.02))
-    np.savetxt(
-        file, np.stack([time, volts, motion - 120.0], 1), fmt="%.6f", delimiter=",", header="time_s,voltage_V,x_um"
-    )
+    volts += noise * np.random.default_rng(3).normal(size=time.size)
+    return text_of("# time_s,voltage_V,x_um", time, volts, motion - 120.0)
 
 
 @pytest.mark.parametrize("hertz, interval", [(950.0, 2e-4), (190.0, 1e-3)])
@@ -164,11 +160,8 @@ def test_loops_with_ringing_have_both_and_a_delay(tmp_path, hertz, interval):
         play[k] = center
     rings = np.where(time < 0.5, 0.0, 10.0 * np.cos(2 * np.pi * hertz * late) * np.exp(-late * 0.3 * hertz))
     motion = 0.115 * volts + 0.018 * play + rings + 0.045 * np.random.default_rng(1).normal(size=time.size)
-    rows = np.stack([time, volts, motion], 1)
-    np.savetxt(tmp_path / "ring.csv", rows, "%.7g", ",", header="time_s,voltage_V,x_um", comments="")
-    text = study_text([guess_file(tmp_path / "ring.csv", Hints({}, {}, {}), Told())], Told(), tmp_path, "ring")
-    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
-    loaded = load_study(tmp_path / "study.toml")
+    rows = text_of("time_s,voltage_V,x_um", time, volts, motion, form=".7g")
+    text, loaded = study_of(tmp_path, guessed(tmp_path, rows))
     assert 'piezo = { dynamics = "second-order", hysteresis = { law = "play"' in text
     free = {path for path, parameter in loaded.parameters.items() if parameter.free}
     assert free >= {"piezo.natural_frequency", "piezo.damping_ratio", "piezo.play_4", "sensor.delay"}
@@ -176,18 +169,16 @@ def test_loops_with_ringing_have_both_and_a_delay(tmp_path, hertz, interval):
 
 
 def test_a_platform_with_hysteresis_is_told_from_an_end_effector(tmp_path):
-    hysteresis(tmp_path / "loops.csv")
-    found = guess_file(tmp_path / "loops.csv", Hints({}, {}, {}), Told())
+    found = guessed(tmp_path, hysteresis())
     wave = found.guess.waveform
     assert (wave.name, found.guess.measures) == ("sine", "platform")
     assert wave.begins == "running"
     assert wave.numbers == {"voltage": pytest.approx(3.6, rel=1e-2), "frequency": pytest.approx(1.0, rel=1e-3)}
     assert found.guess.start % 1.0 == pytest.approx(0.75, abs=0.005) and found.guess.start < 0.0
-    text = study_text([found], Told(), tmp_path, "loops")
+    text, study = study_of(tmp_path, found)
     assert 'piezo = { dynamics = "first-order", hysteresis = ' in text and '"piezo.play_*" = {}' in text
     assert "friction." not in text and "effector." not in text
-    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
-    (record,) = load_study(tmp_path / "study.toml").records
+    (record,) = study.records
     assert record.measures == "platform"
     # Straight lines between the samples are quick to compute; the sine that ran before is repeated.
     assert "conditioning = { cycles = 2" in text and isinstance(record.drive, Sampled)
@@ -198,27 +189,19 @@ def test_a_platform_with_hysteresis_is_told_from_an_end_effector(tmp_path):
 
 @pytest.mark.parametrize(("noise", "smoothed"), [(0.0, False), (0.03, True)])
 def test_a_noisy_voltage_under_hysteresis_is_smoothed(tmp_path, noise, smoothed):
-    hysteresis(tmp_path / "loops.csv")
-    table = np.loadtxt(tmp_path / "loops.csv", delimiter=",", skiprows=1)
-    table[:, 1] += noise * np.random.default_rng(3).normal(size=len(table))
-    np.savetxt(tmp_path / "loops.csv", table, fmt="%.6f", delimiter=",", header="time_s,voltage_V,x_um", comments="")
-    text = study_text([guess_file(tmp_path / "loops.csv", Hints({}, {}, {}), Told())], Told(), tmp_path, "loops")
+    text, study = study_of(tmp_path, guessed(tmp_path, hysteresis(noise=noise)))
     assert ('smooth = "10 ms"' in text) == smoothed
-    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
-    (record,) = load_study(tmp_path / "study.toml").records
-    late = slice(200, -200)
-    left = np.asarray(record.drive.at(record.time)) - 1.8 - 1.8 * np.sin(2 * np.pi * table[:, 0])
-    assert np.std(left[late]) < max(0.45 * noise, 1e-6)
+    (record,) = study.records
+    left = np.asarray(record.drive.at(record.time)) - 1.8 - 1.8 * np.sin(2 * np.pi * record.time)
+    assert np.std(left[200:-200]) < max(0.45 * noise, 1e-6)
 
 
 def test_a_sine_that_sets_in_with_the_record_has_a_phase(tmp_path):
-    hysteresis(tmp_path / "loops.csv", sets_in=True)
-    found = guess_file(tmp_path / "loops.csv", Hints({}, {}, {}), Told())
+    found = guessed(tmp_path, hysteresis(sets_in=True))
     wave = found.guess.waveform
     assert (wave.name, wave.begins, found.guess.start) == ("sine", "motion", 0.0)
     assert wave.numbers["phase"] == pytest.approx(np.pi / 2, abs=1e-3)
-    (tmp_path / "study.toml").write_text(study_text([found], Told(), tmp_path, "loops"), encoding="utf-8")
-    (record,) = load_study(tmp_path / "study.toml").records
+    (record,) = study_of(tmp_path, found)[1].records
     np.testing.assert_allclose(np.asarray(record.drive.at(record.time)), found.guess.volts, atol=1e-4)
 
 
@@ -226,13 +209,9 @@ def test_a_voltage_that_no_waveform_explains_is_the_drive_itself(tmp_path):
     time = 1e-4 * np.arange(4000)
     volts = np.where(time < 0.01, 0.0, 20.0 * np.sin(300 * (time - 0.01)) ** 2 * (1.0 + np.sin(77 * time)))
     motion = 0.1 * volts + 0.01 * np.random.default_rng(5).normal(size=time.size)
-    np.savetxt(
-        tmp_path / "any.csv", np.stack([time, volts, motion], 1), delimiter=",", header="t_s,u_V,x_um", comments=""
-    )
-    found = guess_file(tmp_path / "any.csv", Hints({}, {}, {}), Told())
+    found = guessed(tmp_path, text_of("t_s,u_V,x_um", time, volts, motion, form=".18e"))
     assert found.guess.waveform.name == "sampled" and found.guess.start == pytest.approx(0.01, abs=1e-3)
-    (tmp_path / "study.toml").write_text(study_text([found], Told(), tmp_path, "any"), encoding="utf-8")
-    (record,) = load_study(tmp_path / "study.toml").records
+    (record,) = study_of(tmp_path, found)[1].records
     shown = np.asarray(record.drive.at(record.time[200:]))
     np.testing.assert_allclose(shown, volts[200:], atol=1e-9)
 
@@ -274,63 +253,37 @@ def test_what_is_measured_is_told_of_some_files(tmp_path, capsys):
 QUESTIONS = {
     "a command and its monitor": (
         text_of("time_s,voltage_V,monitor_V,x_um", TIME, RINGS / 20.0, RINGS, RINGING),
-        {},
-        {},
-        Told(),
         ['2: "voltage_V" [V], 3: "monitor_V" [V]', "expected --voltage"],
     ),
     "a platform that rings, or an end-effector that stands": (
         text_of("time_s,voltage_V,x_um", TIME, RINGS, RINGING),
-        {},
-        {},
-        Told(),
         ["(sawtooth)", "--measures"],
     ),
-    "two voltages": (ALIKE, {}, {}, Told(), ['2: "a_V" [V], 3: "b_V" [V]', "expected --voltage"]),
-    "no units": (BARE, {}, {}, Told(), ["found no unit of the time in channel 1", "--unit time=s", "--unit voltage=V"]),
-    "no voltage": ("time_s,x_um\n" + BARE, {"voltage": "none"}, {}, Told(), ["--peak"]),
-    "no clock": (
-        "u_V,x_um\n" + "".join(f"{k % 40},{k % 7}\n" for k in range(400)),
-        {},
-        {},
-        Told(),
-        ["--time", "--interval"],
-    ),
-    "no motion": (
-        "time_s,u_V\n" + "".join(f"{k}e-4,{k % 40}\n" for k in range(400)),
-        {},
-        {},
-        Told(),
-        ["--displacement"],
-    ),
+    "two voltages": (ALIKE, ['2: "a_V" [V], 3: "b_V" [V]', "expected --voltage"]),
+    "no units": (BARE, ["found no unit of the time in channel 1", "--unit time=s", "--unit voltage=V"]),
+    "no voltage": ("time_s,x_um\n" + BARE, ["--peak"], "none"),
+    "no clock": ("u_V,x_um\n" + "\n".join(f"{k % 40},{k % 7}" for k in range(400)), ["--time", "--interval"]),
+    "no motion": ("time_s,u_V\n" + "\n".join(f"{k}e-4,{k % 40}" for k in range(400)), ["--displacement"]),
     "a voltage that never moves": (
-        "time_s,u_V,x_um\n" + "".join(f"{k}e-4,3,{k % 7}\n" for k in range(99)),
-        {},
-        {},
-        Told(),
+        "time_s,u_V,x_um\n" + "\n".join(f"{k}e-4,3,{k % 7}" for k in range(99)),
         ["3 V in all"],
     ),
-    "few samples": ("time_s,u_V,x_um\n0,1,2\n1,2,3\n", {}, {}, Told(), ["2 samples"]),
-    "a wrong name": (ALIKE, {"voltage": "c_V"}, {}, Told(), ['"c_V"', "did you mean"]),
+    "few samples": ("time_s,u_V,x_um\n0,1,2\n1,2,3\n", ["2 samples"]),
+    "a wrong name": (ALIKE, ['"c_V"', "did you mean"], "c_V"),
     "neither platform nor effector": (
-        "time_s,u_V,x_um\n"
-        + "".join(f"{k}e-4,{5 - 5 * np.cos(k * 0.05):.6f},{np.sin(0.31 * k):.4f}\n" for k in range(900)),
-        {},
-        {},
-        Told(),
+        text_of("time_s,u_V,x_um", TIME[:900], 5 - 5 * np.cos(500 * TIME[:900]), np.sin(3100 * TIME[:900])),
         ["(sine) explains 0 %", "--measures"],
     ),
 }
 
 
-@pytest.mark.parametrize(("text", "columns", "units", "told", "essentials"), QUESTIONS.values(), ids=QUESTIONS)
-def test_what_is_not_clear_is_asked_for(tmp_path, text, columns, units, told, essentials):
-    file = tmp_path / "run.csv"
-    file.write_text(text)
+@pytest.mark.parametrize("question", QUESTIONS.values(), ids=QUESTIONS)
+def test_what_is_not_clear_is_asked_for(tmp_path, question):
+    text, essentials, *voltage = question
     with pytest.raises(InputError) as asked:
-        guess_file(file, Hints(columns, units, {}), told)
+        guessed(tmp_path, text, dict(zip(["voltage"], voltage, strict=False)))
     assert "\n" not in str(asked.value)
-    for essential in [str(file), *essentials]:
+    for essential in [str(tmp_path / "run.csv"), *essentials]:
         assert essential in str(asked.value)
 
 
@@ -343,9 +296,9 @@ def test_a_step_is_told_in_every_format(tmp_path, name):
         with pytest.raises(
             InputError, match=r"found no unit of the time in channel 1 \(.t.\), the voltage in channel 2"
         ):
-            guess_file(tmp_path / f"step{ending}", Hints({"voltage": "u", "displacement": "x"}, {}, {}), Told())
+            guessed(tmp_path, tmp_path / f"step{ending}", {"voltage": "u", "displacement": "x"})
     columns = {"voltage": "u", "displacement": "x"} if bare else {}
-    found = guess_file(tmp_path / f"step{ending}", Hints(columns, UNITS if bare else {}, {}), Told())
+    found = guessed(tmp_path, tmp_path / f"step{ending}", columns, UNITS if bare else {})
     assert (found.guess.waveform.name, found.guess.measures, found.guess.start) == ("step", "platform", 0.0)
     assert found.guess.waveform.numbers["voltage"] == pytest.approx(48.2)
 
@@ -365,7 +318,7 @@ def test_the_command_makes_a_study_with_figures(tmp_path, capsys):
 
 
 def test_what_should_not_be_overlooked_is_said(tmp_path, capsys, monkeypatch):
-    hysteresis(tmp_path / "loops.csv", cycles=3)
+    (tmp_path / "loops.csv").write_text(hysteresis(cycles=3))
     monkeypatch.setattr("pdssjax.cli.new.MANY", 500)
     assert cli.main(["new", str(tmp_path / "rig"), "--files", str(tmp_path / "loops.csv")]) == 0
     lines = capsys.readouterr().err.splitlines()

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from walk_files import guessed, study_by_command, study_of, text_of
 
 from pdssjax import InputError, identify, load_study
-from pdssjax.cli import main as cli
-from pdssjax.files import Hints, Told, guess_file
-from pdssjax.files.new_study import study_text
+from pdssjax.files import RigOptions
 from pdssjax.study import make_recordings
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -43,23 +42,22 @@ DRIVES = {
 
 
 def written(folder, of, sign=1.0, zero=0.3, head="time_s,monitor_V,vibrometer_mm/s"):
-    """What an instrument would store of a run: times [s], volts, and the velocity [mm/s] with a zero of its own."""
+    """The file of an instrument: times [s], volts, and the velocity [mm/s] with a zero of its own."""
     drive, end = DRIVES[of]
     (folder / "plan.toml").write_text(PLAN.format(of=of, drive=drive, end=end))
     (made,) = make_recordings(load_study(folder / "plan.toml", virtual=True), 5)
     time, random = made.record.time, np.random.default_rng(5)
     volts = np.asarray(made.record.drive.at(time)) + 0.002 * random.normal(size=time.size)
     speed = sign * 1e3 * (made.true + 2e-5 * random.normal(size=time.size)) + zero
-    np.savetxt(folder / "run.csv", np.stack([time, volts, speed], 1), delimiter=",", header=head, comments="")
-    return folder / "run.csv"
+    return text_of(head, time, volts, speed, form=".18e")
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("of", DRIVES)
 def test_a_velocity_is_told_from_a_displacement_and_turned(tmp_path, of, sign):
-    found = guess_file(written(tmp_path, of, sign), Hints({}, {}, {}), Told(mass=0.045))
-    (tmp_path / "study.toml").write_text(study_text([found], Told(mass=0.045), tmp_path, "speed"), encoding="utf-8")
-    (record,) = load_study(tmp_path / "study.toml").records
+    rig = RigOptions(mass=0.045)
+    found = guessed(tmp_path, written(tmp_path, of, sign), rig=rig)
+    (record,) = study_of(tmp_path, found, rig=rig)[1].records
     assert (record.measures, record.measurement.words) == ("velocity", {"of": of})
     assert found.guess.turned == (sign < 0)
     assert record.noise == pytest.approx(2e-5, rel=0.2)
@@ -70,9 +68,8 @@ def test_a_velocity_is_told_from_a_displacement_and_turned(tmp_path, of, sign):
 
 @pytest.mark.slow
 def test_two_commands_lead_from_a_vibrometer_to_the_stack(tmp_path):
-    file = written(tmp_path, "platform")
-    assert cli.main(["new", str(tmp_path / "rig"), "--files", str(file)]) == 0
-    found = identify(load_study(tmp_path / "rig" / "study.toml"))
+    _, study = study_by_command(tmp_path, written(tmp_path, "platform"))
+    found = identify(study)
     assert found.success
     truth = {"piezo.gain": 0.15e-6, "piezo.natural_frequency": 2 * np.pi * 700.0, "piezo.damping_ratio": 0.05}
     for path, number in truth.items():
@@ -82,18 +79,16 @@ def test_two_commands_lead_from_a_vibrometer_to_the_stack(tmp_path):
 
 @pytest.mark.parametrize(("unit", "kind"), [("N", "force"), ("m/s^2", "acceleration")])
 def test_what_is_not_guessed_says_what_to_do(tmp_path, unit, kind):
-    file = written(tmp_path, "platform", head=f"time_s,monitor_V,sensor_{unit}")
     with pytest.raises(InputError) as told:
-        guess_file(file, Hints({}, {}, {}), Told())
+        guessed(tmp_path, written(tmp_path, "platform", head=f"time_s,monitor_V,sensor_{unit}"))
     assert f'measures = "{kind}"' in str(told.value) and "--displacement" in str(told.value)
     assert "\n" not in str(told.value)
 
 
 def test_a_velocity_without_units_is_named(tmp_path):
-    file = written(tmp_path, "platform", head="t,u,v")
-    hints = Hints({"voltage": "u", "velocity": "v"}, {"time": "s", "voltage": "V", "velocity": "mm/s"}, {})
-    assert guess_file(file, hints, Told()).guess.measures == "platform"
+    text, units = written(tmp_path, "platform", head="t,u,v"), {"time": "s", "voltage": "V", "velocity": "mm/s"}
+    assert guessed(tmp_path, text, {"voltage": "u", "velocity": "v"}, units).guess.measures == "platform"
     with pytest.raises(InputError, match="both --displacement and --velocity"):
-        guess_file(file, Hints({"velocity": "v", "displacement": "v"}, {}, {}), Told())
+        guessed(tmp_path, text, {"velocity": "v", "displacement": "v"})
     with pytest.raises(InputError, match="found a velocity without a voltage"):
-        guess_file(file, Hints(hints.columns | {"voltage": "none"}, hints.units, {}), Told(peak=40.0))
+        guessed(tmp_path, text, {"voltage": "none", "velocity": "v"}, units, rig=RigOptions(peak=40.0))

@@ -11,7 +11,7 @@ import pytest
 from pdssjax import Study, load_study
 from pdssjax.cli.main import main
 from pdssjax.core import factor
-from pdssjax.study import MOVING, Samples, legal_quantities, make_recordings
+from pdssjax.study import MOVING, Samples, make_recordings
 
 VARIANTS = measured_study.variants()
 
@@ -50,7 +50,7 @@ def test_columns_have_units_and_are_shown_in_units_of_the_same_kind(measurement)
 def test_the_parts_that_move_are_parts_of_a_study(measurement, planned):
     parts = measurement.parts()
     assert parts and parts <= MOVING
-    assert parts <= {path.split(".")[0] for path in legal_quantities(planned(measurement))}
+    assert parts <= {path.split(".")[0] for path in planned(measurement).legal()}
     assert measurement.driven == (measurement.prescribed is None)
     assert measurement.effector_moves <= bool(measurement.at_a_jump())
 

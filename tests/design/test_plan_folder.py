@@ -59,7 +59,7 @@ def test_the_plan_reads_back_as_a_study(folder):
 def test_what_is_set_for_a_record_holds_in_it_alone(folder):
     _, place = folder
     study = pdssjax.load_study(place / "plan.toml", virtual=True)
-    tilts = [study.as_in(record).values()["effector.tilt"] for record in study.records]
+    tilts = [study.for_record(record).values()["effector.tilt"] for record in study.records]
     assert tilts == pytest.approx([0.0, 0.05, 0.0])
 
 

@@ -41,10 +41,15 @@ def marked(view, name):
     return list(view.select(lambda part: name in getattr(part, "css_classes", [])))
 
 
-def test_plots_are_pale_while_a_record_is_computed_for_other_numbers(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """That of a platform alone."""
     text = platform_study.PLATFORM.replace(" = {}", " = { start = 0.5 }")
-    study = load_study(platform_study.write_platform(tmp_path, text))
-    bench = Workbench(study, settings_of(study))
+    study = load_study(platform_study.write_platform(tmp_path_factory.mktemp("rig"), text))
+    return Workbench(study, settings_of(study))
+
+
+def test_plots_are_pale_while_a_record_is_computed_for_other_numbers(bench, monkeypatch):
     bench.warm()
     thread = AtOnce()
     view = page.Page(bench, thread).view
@@ -101,13 +106,11 @@ def test_a_slider_that_is_moved_ends_the_complaint_about_its_field(tmp_path):
     assert said[-1] == ""
 
 
-def test_a_simulation_that_fails_says_why_below_the_sliders_until_a_number_is_changed(tmp_path, monkeypatch):
-    text = platform_study.PLATFORM.replace(" = {}", " = { start = 0.5 }")
-    study = load_study(platform_study.write_platform(tmp_path, text))
-    bench = Workbench(study, settings_of(study))
+def test_a_simulation_that_fails_says_why_below_the_sliders_until_a_number_is_changed(bench, monkeypatch):
+    record = bench.study.records[0]
     view = page.Page(bench, AtOnce()).view
     (headline,), (line,), (field,) = (marked(view, name) for name in ("headline", "said", "field-piezo-gain"))
-    failed = bench.records.redraw(study.records[0].name, bench.begun, instants_of(study.records[0], 0.0, 0.1))
+    failed = bench.records.redraw(record.name, bench.begun, instants_of(record, 0.0, 0.1))
     monkeypatch.setattr(
         bench.records, "redraw_at_once", lambda *given: failed._replace(message="the motion did not stay finite")
     )
@@ -120,10 +123,8 @@ def test_a_simulation_that_fails_says_why_below_the_sliders_until_a_number_is_ch
     assert line.object == ""
 
 
-def test_what_could_not_be_compiled_is_told_of_the_numbers_of_the_sliders_alone(tmp_path, monkeypatch):
-    text = platform_study.PLATFORM.replace(" = {}", " = { start = 0.5 }")
-    study = load_study(platform_study.write_platform(tmp_path, text))
-    bench, thread = Workbench(study, settings_of(study)), AtOnce()
+def test_what_could_not_be_compiled_is_told_of_the_numbers_of_the_sliders_alone(bench, monkeypatch):
+    thread = AtOnce()
     monkeypatch.setattr(bench.records, "redraw_at_once", lambda *given: None)  # as where something is to be compiled
     view = page.Page(bench, thread).view
     (line,), (field,) = marked(view, "said"), marked(view, "field-piezo-gain")

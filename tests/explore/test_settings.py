@@ -75,7 +75,7 @@ def test_what_a_drive_shares_with_the_study_is_turned_there(study):
 def test_the_study_at_the_sliders_numbers(study):
     begun = settings_of(study)
     assert changed_drives(study, begun) == {}
-    turned = begun.with_value("piezo.gain", 1.2e-7).with_value("effector.mass", 0.1)
+    turned = begun.with_values({"piezo.gain": 1.2e-7, "effector.mass": 0.1})
     turned = turned.with_drive("walk", "drive.frequency", 8.0).with_drive("walk", "drive.direction", 1.0)
     there = study_at(study, turned)
     assert (there.parameters["piezo.gain"].start, there.parameters["piezo.gain"].free) == (1.2e-7, True)
@@ -93,7 +93,7 @@ def test_a_slider_does_not_turn_what_was_measured_apart(tmp_path):
         '"effector.mass" = { value = "86 g" }', '"effector.mass" = { value = "86 g", standard_error = "1 g" }'
     )
     study = load_study(study_files.write_study(tmp_path, apart))
-    turned = settings_of(study).with_value("effector.mass", 0.1).with_value("piezo.gain", 1.2e-7)
+    turned = settings_of(study).with_values({"effector.mass": 0.1, "piezo.gain": 1.2e-7})
     assert study_at(study, turned).values()["effector.mass"] == 0.1
     there = to_be_fitted(study, turned).parameters
     assert there["effector.mass"].measured_apart == (0.086, 0.001)
@@ -101,7 +101,7 @@ def test_a_slider_does_not_turn_what_was_measured_apart(tmp_path):
 
 
 def test_a_start_beyond_a_bound_is_put_on_it(study):
-    there = study_at(study, settings_of(study).with_value("piezo.gain", 9e-7))
+    there = study_at(study, settings_of(study).with_values({"piezo.gain": 9e-7}))
     assert there.parameters["piezo.gain"].start == 2e-7
 
 

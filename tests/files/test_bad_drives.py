@@ -27,76 +27,59 @@ def loaded(tmp_path: Path, drive: str, step: str = RAMP):
     return load_study(write_study(tmp_path, changed(STEP, drive), step=step)).records[0].drive
 
 
-# name: (the drive, the record's file, what the message must contain)
+def periodic(waveform: str, more: str) -> str:
+    return f'{{ waveform = "{waveform}", voltage = "9 V", frequency = "1 kHz", {more} }}'
+
+
+def sampled(more: str) -> str:
+    return SAMPLED.replace(" }", f", {more} }}")
+
+
+# name: (the drive, what the message must contain, the record's file where it is not the ramp)
 FAULTS = {
-    "column missing": (
-        '{ waveform = "sampled" }',
-        RAMP,
-        ["step.csv" * 0, 'record "step": drive', '"column" is missing'],
-    ),
-    "no such column": (SAMPLED.replace("voltage_V", "volts_V"), RAMP, ["step.csv", '"volts_V"', '"voltage_V"']),
-    "column of another dimension": (SAMPLED.replace("voltage_V", "displacement_um"), RAMP, ['"um"', "converts to V"]),
-    "column without a unit": (SAMPLED.replace("voltage_V", "u"), RAMP.replace("voltage_V", "u"), ['"u"', "no unit"]),
-    "unknown unit": (SAMPLED.replace("}", ', unit = "Volltt" }'), RAMP, ['"Volltt"', "V"]),
-    "unknown interpolation": (SAMPLED.replace("}", ', interpolation = "cubic" }'), RAMP, ['"cubic"', "linear"]),
-    "unknown key": (SAMPLED.replace("}", ', voltage = "3 V" }'), RAMP, ['"voltage"', 'record "step": drive']),
-    "no such file": (SAMPLED.replace("}", ', file = "u.csv" }'), RAMP, ["u.csv", "no such file"]),
-    "no such clock": (SAMPLED.replace("}", ', time = "t_s" }'), RAMP, ['"t_s"', "step.csv"]),
-    "no volts": (SAMPLED, record([0.0] * 40), ['"voltage_V"', "0 V in all 40 samples"]),
+    "column missing": ('{ waveform = "sampled" }', ['record "step": drive', '"column" is missing']),
+    "no such column": (SAMPLED.replace("voltage_V", "volts_V"), ["step.csv", '"volts_V"', '"voltage_V"']),
+    "column of another dimension": (SAMPLED.replace("voltage_V", "displacement_um"), ['"um"', "converts to V"]),
+    "column without a unit": (SAMPLED.replace("voltage_V", "u"), ['"u"', "no unit"], RAMP.replace("voltage_V", "u")),
+    "unknown unit": (sampled('unit = "Volltt"'), ['"Volltt"', "V"]),
+    "unknown interpolation": (sampled('interpolation = "cubic"'), ['"cubic"', "linear"]),
+    "unknown key": (sampled('voltage = "3 V"'), ['"voltage"', 'record "step": drive']),
+    "no such file": (sampled('file = "u.csv"'), ["u.csv", "no such file"]),
+    "no such clock": (sampled('time = "t_s"'), ['"t_s"', "step.csv"]),
+    "no volts": (SAMPLED, ['"voltage_V"', "0 V in all 40 samples"], record([0.0] * 40)),
     "not at rest before": (
         SAMPLED,
-        record([30.0] * 20 + [40.0] * 20, -5e-4),
         ['"voltage_V", line 2', "30 V at -0.0005 s", "before t = 0"],
+        record([30.0] * 20 + [40.0] * 20, -5e-4),
     ),
-    "over before": (SAMPLED, record([0.0] * 39 + [9.0], -1.0), ["as the last time", "after t = 0"]),
-    "a word among the volts": (SAMPLED, RAMP.replace("48.0\n", "high\n", 1), ["line", '"voltage_V"', '"high"']),
-    "scale that is a table": (SAMPLED.replace("}", ", scale = { value = 2 } }"), RAMP, ['"scale"', "a factor such as"]),
-    "hold of nothing": (SAMPLED.replace("}", ", hold = 0 }"), RAMP, ['"hold"', "0 s", "above 0"]),
-    "hold in volts": (SAMPLED.replace("}", ', hold = "1 V" }'), RAMP, ['"hold"', '"V"']),
-    "sampled key for a step": (STEP.replace("}", ', column = "x" }'), RAMP, ['"column"', 'record "step": drive']),
-    "symmetry of one": (
-        '{ waveform = "triangle", voltage = "9 V", frequency = "1 kHz", symmetry = 1 }',
-        RAMP,
-        ['"symmetry"', "1", "below 1"],
-    ),
-    "duty of zero": (
-        '{ waveform = "sawtooth", voltage = "9 V", frequency = "1 kHz", duty = 0 }',
-        RAMP,
-        ['"duty"', "0", "above 0"],
-    ),
-    "duty beyond one": (
-        '{ waveform = "sawtooth", voltage = "9 V", frequency = "1 kHz", duty = 1.5 }',
-        RAMP,
-        ['"duty"', "1.5", "above 0 and at most 1."],
-    ),
+    "over before": (SAMPLED, ["as the last time", "after t = 0"], record([0.0] * 39 + [9.0], -1.0)),
+    "a word among the volts": (SAMPLED, ["line", '"voltage_V"', '"high"'], RAMP.replace("48.0\n", "high\n", 1)),
+    "scale that is a table": (sampled("scale = { value = 2 }"), ['"scale"', "a factor such as"]),
+    "hold of nothing": (sampled("hold = 0"), ['"hold"', "0 s", "above 0"]),
+    "hold in volts": (sampled('hold = "1 V"'), ['"hold"', '"V"']),
+    "sampled key for a step": (STEP.replace("}", ', column = "x" }'), ['"column"', 'record "step": drive']),
+    "symmetry of one": (periodic("triangle", "symmetry = 1"), ['"symmetry"', "1", "below 1"]),
     "duty beyond one, in per cent": (
-        '{ waveform = "sawtooth", voltage = "9 V", frequency = "1 kHz", duty = "150 %" }',
-        RAMP,
+        periodic("sawtooth", 'duty = "150 %"'),
         ['"duty"', "found 150 %, expected a value above 0 % and at most 100 %."],
     ),
     "fall beyond what the duty leaves": (
-        '{ waveform = "sawtooth", voltage = "9 V", frequency = "1 kHz", duty = 0.5, fall_time = "0.6 ms" }',
-        RAMP,
+        periodic("sawtooth", 'duty = 0.5, fall_time = "0.6 ms"'),
         ['"fall_time"', "0.0006 s", "slow flank", "0.0005 s"],
     ),
     "rise beyond its plateau": (
-        '{ waveform = "trapezoid", voltage = "9 V", frequency = "1 kHz", rise_time = "0.5 ms" }',
-        RAMP,
+        periodic("trapezoid", 'rise_time = "0.5 ms"'),
         ['"rise_time"', "0.0005 s", "rise and plateau", "0.0005 s"],
     ),
-    "no voltage": ('{ waveform = "step", voltage = 0 }', RAMP, ['"voltage"', "0 V", "moves the actuator"]),
-    "hold beyond the period": (
-        '{ waveform = "sine", voltage = "9 V", frequency = "1 kHz", hold = "1 ms" }',
-        RAMP,
-        ['"hold"', "0.001 s", "below the period"],
-    ),
+    "hold beyond the period": (periodic("sine", 'hold = "1 ms"'), ['"hold"', "0.001 s", "below the period"]),
 }
 
 
-@pytest.mark.parametrize(("drive", "text", "essentials"), FAULTS.values(), ids=FAULTS)
-def test_drive_at_fault(tmp_path, drive, text, essentials):
+@pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
+def test_drive_at_fault(tmp_path, fault):
+    drive, essentials, *text = fault
     with pytest.raises(InputError) as caught:
-        loaded(tmp_path, drive, text)
+        loaded(tmp_path, drive, *text)
     message = str(caught.value)
     assert message.count("\n") <= 1
     for essential in [str(tmp_path), *essentials]:

@@ -64,11 +64,6 @@ def test_a_start_at_fault_is_refused(tmp_path, start, essential):
         load_study(write_study(tmp_path, starting(start)))
 
 
-def test_a_start_that_is_misspelt_is_told(tmp_path):
-    with pytest.raises(InputError, match='unknown key "strat"; did you mean "start"'):
-        load_study(write_study(tmp_path, starting("0").replace("start = 0", "strat = 0")))
-
-
 def test_a_friction_record_has_no_start(tmp_path):
     walk = STUDY.index('[[record]]\nname = "walk"')
     text = STUDY[:walk] + (

@@ -70,16 +70,6 @@ def test_arviz_opens_it(tmp_path):
     np.testing.assert_array_equal(opened["sample_stats"]["lp"].values, -7.0)
 
 
-def test_without_h5netcdf_it_is_one_dataset(tmp_path, monkeypatch):
-    draws = whole("posterior").draws
-    assert draws is not None
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    write_draws(draws, UNITS, tmp_path)
-    monkeypatch.undo()
-    with xarray.open_dataset(tmp_path / "posterior.nc", engine="scipy") as data:
-        np.testing.assert_array_equal(data["piezo.gain"].values, draws.values[:, :, 0])
-
-
 def test_results_hold_draws_profiles_and_starts_and_replace_older_ones(undrawn, tmp_path):
     parameters = fabricated.estimate().parameters
     bounded = {

@@ -123,38 +123,31 @@ def test_results_of_earlier_versions_are_read(folder, tmp_path):
     assert read.provenance == Provenance() and read.loss == "squares"
 
 
-def changed(text: str, change: str):
-    """The text of an estimate.json after one change."""
-    document = json.loads(text)
-    match change:
-        case "no statistics":
-            del document["statistics"]
-        case "a value that is a word":
-            document["parameters"]["piezo.gain"]["value"] = "large"
-        case "records that are a number":
-            document["records"] = 7
-        case "a record of something unknown":
-            document["records"][0]["measures"] = "temperature"
-        case "a matrix that is too small":
-            document["covariance"]["matrix"] = [[1.0]]
-        case "parameters that are a list":
-            document["parameters"] = [1.0]
-        case "a surplus statistic":
-            document["statistics"]["luck"] = 1.0
-        case "an unknown reason":
-            document["unexplained_by"] = ["bad luck"]
-    return json.dumps(document)
+GAIN = ("parameters", "piezo.gain", "value")
+
+# name: (where in the document, what stands there instead; None: nothing)
+DAMAGE = {
+    "no statistics": (("statistics",), None),
+    "a value that is a word": (GAIN, "large"),
+    "records that are a number": (("records",), 7),
+    "a record of something unknown": (("records", 0, "measures"), "temperature"),
+    "a matrix that is too small": (("covariance", "matrix"), [[1.0]]),
+    "parameters that are a list": (("parameters",), [1.0]),
+    "a surplus statistic": (("statistics", "luck"), 1.0),
+    "an unknown reason": (("unexplained_by",), ["bad luck"]),
+}
 
 
-@pytest.mark.parametrize(
-    "change",
-    ["no statistics", "a value that is a word", "records that are a number", "a record of something unknown",
-     "a matrix that is too small", "parameters that are a list", "a surplus statistic",
-     "an unknown reason"],
-)  # fmt: skip
-def test_what_is_damaged_is_refused_in_one_line(folder, tmp_path, change):
-    text = (folder / "estimate.json").read_text(encoding="utf-8")
-    (tmp_path / "estimate.json").write_text(changed(text, change), encoding="utf-8")
+@pytest.mark.parametrize(("place", "instead"), DAMAGE.values(), ids=DAMAGE)
+def test_what_is_damaged_is_refused_in_one_line(folder, tmp_path, place, instead):
+    document = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))
+    inner = document
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = instead
+    if instead is None:
+        del inner[place[-1]]
+    (tmp_path / "estimate.json").write_text(json.dumps(document), encoding="utf-8")
     with pytest.raises(
         InputError, match=r"estimate\.json: found .*expected an estimate that pdssjax identify wrote\.$"
     ):

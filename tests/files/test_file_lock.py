@@ -2,37 +2,22 @@
 
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from lock_holder import holding
 
 from pdssjax import InputError, InputWarning
 from pdssjax.files import check_empty, file_lock, reserved_folder
 from pdssjax.files.file_lock import LOCK, UNFINISHED, folder_lock
 from pdssjax.files.results_folder import staging_folder
 
-HOLDS = """
-import sys, pathlib
-from pdssjax.files.file_lock import folder_lock
-with folder_lock(pathlib.Path(sys.argv[1])):
-    print("locked", flush=True)
-    sys.stdin.read()
-"""
-
 
 @pytest.fixture
 def holder(tmp_path):
     """A process that has the lock of `tmp_path / "out"`."""
-    command = [sys.executable, "-c", HOLDS, str(tmp_path / "out")]
-    paths = os.pathsep.join(path for path in sys.path if path)
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": paths}
-    ) as process:
-        assert process.stdout is not None and process.stdout.readline() == "locked\n"
+    with holding(tmp_path / "out" / LOCK) as process:
         yield process
-        process.kill()
 
 
 def test_a_folder_that_another_process_has_is_refused_until_that_ends(tmp_path, holder):

@@ -79,12 +79,14 @@ def test_predictions_are_in_micrometres(results):
     np.testing.assert_allclose(table["residual_um"], 1e6 * (record.measured - record.predicted), atol=1e-6)
 
 
-def test_records_of_like_names_keep_their_own_files(undrawn, tmp_path):
+def test_records_of_like_and_of_any_names_keep_their_own_files(undrawn, tmp_path):
     time = np.linspace(0.0, 1.0, 50)
-    names = ["a b", "a/b", "A_b", "../correlations", "µ"]
+    names = ["a b", "a/b", "A_b", "../correlations", "µ", "µ" * 300, "µ" * 300 + "2"]
     write_predictions([fabricated.record(n, "fit", "effector", time, 1e-6 * time) for n in names], {}, tmp_path)
     files = {path.name for path in (tmp_path / "predictions").iterdir()}
-    assert files == {"a_b.csv", "a_b-2.csv", "A_b-3.csv", "correlations-2.csv", "µ.csv"}
+    long = "µ" * 60
+    assert files == {"a_b.csv", "a_b-2.csv", "A_b-3.csv", "correlations-2.csv", "µ.csv", f"{long}.csv", f"{long}-2.csv"}
+    assert len(list((tmp_path / "plots").glob("*.png"))) == 7
 
 
 def test_no_record_takes_the_place_of_another_figure(undrawn, tmp_path):
@@ -95,13 +97,6 @@ def test_no_record_takes_the_place_of_another_figure(undrawn, tmp_path):
     write_estimate(dataclasses.replace(fabricated.estimate(), records=(*written, *named)), tmp_path)
     plots = {path.stem for path in (tmp_path / "plots").glob("*.png")}
     assert {f"{name.replace(' ', '_')}-2" for name in names} | {"correlations", "standard_errors"} <= plots
-
-
-def test_a_record_of_any_name_has_its_files(undrawn, tmp_path):
-    time = np.linspace(0.0, 1.0, 50)
-    names = ["µ" * 300, "µ" * 300 + "2"]
-    write_predictions([fabricated.record(n, "fit", "effector", time, 1e-6 * time) for n in names], {}, tmp_path)
-    assert len(list((tmp_path / "plots").glob("*.png"))) == 2
 
 
 def test_residuals_have_the_names_of_their_records_plots(undrawn, tmp_path):

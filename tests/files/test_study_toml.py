@@ -32,19 +32,12 @@ def test_a_rig_that_rests_under_its_load_is_an_actuator_that_does(tmp_path):
 
 def test_parameter_is_free_unless_it_has_a_value(tmp_path):
     parameters = load_study(write_study(tmp_path)).parameters
+    assert list(parameters)[:3] == ["effector.mass", "piezo.gain", "piezo.natural_frequency"]  # as in the file
     assert [path for path, p in parameters.items() if not p.free] == ["effector.mass", "drive.fall_time"]
     assert parameters["effector.mass"].value == 0.086
     gain, frequency = parameters["piezo.gain"], parameters["piezo.natural_frequency"]
     assert (gain.start, gain.low, gain.high, gain.unit) == (1e-7, 5e-8, 2e-7, "m/V")
     assert frequency.free and (frequency.start, frequency.low, frequency.high) == (None, None, None)
-
-
-def test_parameters_keep_the_order_of_the_file(tmp_path):
-    assert list(load_study(write_study(tmp_path)).parameters)[:3] == [
-        "effector.mass",
-        "piezo.gain",
-        "piezo.natural_frequency",
-    ]
 
 
 def test_bound_at_the_end_of_the_legal_range_says_nothing(tmp_path):
@@ -138,24 +131,18 @@ def test_study_without_records_is_legal(tmp_path):
     assert load_study(write_study(tmp_path, STUDY.partition("[[record]]")[0])).records == ()
 
 
-@pytest.mark.parametrize("interval", [1.0, 0.05])
-def test_times_that_look_like_milliseconds_warn(tmp_path, interval):
-    with pytest.warns(InputWarning, match=r'walk\.csv: record "walk": the times look like milliseconds'):
-        load_study(write_study(tmp_path, walk=csv(interval, 5000)))
-
-
-def test_step_in_milliseconds_warns(tmp_path):
-    with pytest.warns(InputWarning, match=r'step\.csv: record "step": the times look like milliseconds'):
-        load_study(write_study(tmp_path, step=csv(0.05, 800)))
+@pytest.mark.parametrize(
+    ("name", "text"), [("walk", csv(1.0, 5000)), ("walk", csv(0.05, 5000)), ("step", csv(0.05, 800))]
+)
+def test_times_that_look_like_milliseconds_warn(tmp_path, name, text):
+    with pytest.warns(InputWarning, match=rf'{name}\.csv: record "{name}": the times look like milliseconds'):
+        load_study(write_study(tmp_path, **{name: text}))
 
 
 def test_record_shorter_than_a_period_warns(tmp_path):
     with pytest.warns(InputWarning, match=r'record "walk": found 0\.049 s .* at least one period .* 0\.2 s'):
         load_study(write_study(tmp_path, walk=csv(1e-3, 50)))
-
-
-def test_one_period_exactly_does_not_warn(tmp_path):
-    load_study(write_study(tmp_path, walk=csv(1e-3, 200)))
+    load_study(write_study(tmp_path, walk=csv(1e-3, 200)))  # one period exactly
 
 
 def test_packaged_example_frees_nine_parameters_without_starts():

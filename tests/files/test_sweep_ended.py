@@ -12,18 +12,9 @@ import pytest
 import quick_blocks
 import xarray
 import zarr
-from quick_blocks import example_study, found_at, planned, quick as quick, written
+from quick_blocks import study as study, written
 
-from pdssjax.cli.main import main
-from pdssjax.files import SweepStore
 from pdssjax.files.sweep_store import DONE
-from pdssjax.sweeps import execution
-
-
-@pytest.fixture(scope="module")
-def study():
-    return example_study()
-
 
 PROGRAM = """
 import hashlib, itertools, signal, sys
@@ -73,30 +64,6 @@ def test_a_signal_ends_a_sweep_at_once_and_keeps_its_blocks(tmp_path, study, sig
 
 
 @pytest.mark.slow
-def test_a_sweep_that_was_killed_ends_as_if_it_had_not_been(tmp_path, study):
-    arguments = ["sweep", str(written(tmp_path, study)), "--voltage", "20:80:16", "--frequency", "20:50:40"]
-    command = [sys.executable, "-m", "pdssjax", *arguments, "--workers", "1", "--out"]
-    fresh = os.environ | {"PDSSJAX_CACHE": str(tmp_path / "cache")}
-    killed = subprocess.Popen([*command, str(tmp_path / "killed")], stderr=subprocess.PIPE, text=True, env=fresh)
-    # A sign of life at once where it compiles, then a line for each tenth that is done.
-    assert "compiling" in killed.stderr.readline()
-    assert " of 640 points" in killed.stderr.readline()
-    killed.send_signal(signal.SIGKILL)
-    killed.communicate()
-    time.sleep(0.1)
-    assert not (tmp_path / "killed" / "sweep.nc").exists()
-    resumed = subprocess.run(
-        [*command, str(tmp_path / "killed"), "--resume"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
-    )
-    assert resumed.returncode == 0, resumed.stderr
-    first = next(line for line in resumed.stderr.splitlines() if " of 640 points" in line)
-    assert int(first.split()[0]) > 64
-    subprocess.run([*command, str(tmp_path / "whole")], check=True, stdout=subprocess.DEVNULL)
-    found, whole = (xarray.open_dataset(tmp_path / n / "sweep.nc", engine="scipy").load() for n in ("killed", "whole"))
-    xarray.testing.assert_identical(found, whole)
-
-
-@pytest.mark.slow
 def test_a_sweep_that_was_killed_at_ten_random_moments_ends_as_if_it_had_not_been(tmp_path, study):
     arguments = ["sweep", str(written(tmp_path, study)), "--voltage", "20:80:128", "--frequency", "20:50:128"]
     command = [sys.executable, "-m", "pdssjax", *arguments, "--workers", "1", "--resume", "--out"]
@@ -128,26 +95,3 @@ def blocks_done(place):
     if not place.exists():
         return 0
     return int((np.asarray(zarr.open_group(place, mode="r")["status"]) == DONE).sum())
-
-
-def test_who_interrupts_the_command_is_told_how_to_go_on(tmp_path, quick, capsys, study, monkeypatch):
-    def compute_block(function, points):
-        if len(quick) == 2:
-            raise KeyboardInterrupt
-        quick.append(points)
-        return found_at(points)
-
-    monkeypatch.setattr(execution, "compute_block", compute_block)
-    command = [
-        "sweep",
-        str(written(tmp_path, study)),
-        "--voltage",
-        "20:80:20",
-        "--frequency",
-        "2:50:20",
-        "--workers",
-        "1",
-    ]
-    assert main([*command, "--out", str(tmp_path / "out")]) == 130
-    assert "go on with --resume" in capsys.readouterr().err
-    assert len(SweepStore(tmp_path / "out" / "points.zarr", resume=True).open(*planned(study))[1]) == 5

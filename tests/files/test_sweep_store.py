@@ -3,10 +3,7 @@
 import contextlib
 import errno
 import json
-import os
 import shutil
-import subprocess
-import sys
 import warnings
 from collections import namedtuple
 
@@ -14,7 +11,8 @@ import numpy as np
 import pytest
 import xarray
 import zarr
-from quick_blocks import OVER, example_study, found_at, planned, quick as quick, written
+from lock_holder import holding
+from quick_blocks import OVER, found_at, planned, quick as quick, study as study, written
 
 import pdssjax
 from pdssjax import InputError, InputWarning
@@ -25,11 +23,6 @@ from pdssjax.sweeps import POINT_FAILURES, execution, sweeping
 from pdssjax.sweeps.blocks import NOT_COMPUTED
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
-
-@pytest.fixture(scope="module")
-def study():
-    return example_study()
 
 
 def stop_after(blocks):
@@ -165,6 +158,10 @@ def of_another_sweep(place):
     )
 
 
+def remove(name):
+    return lambda place: shutil.rmtree(place / name)
+
+
 def change_metadata(name, **changes):
     def change(place):
         file = place / name / "zarr.json"
@@ -175,11 +172,11 @@ def change_metadata(name, **changes):
 
 DAMAGE = {
     "cut": (lambda place: [c.write_bytes(c.read_bytes()[:30]) for c in (place / "found" / "c" / "1").iterdir()], 1),
-    "gone": (lambda place: shutil.rmtree(place / "found" / "c" / "1"), 1),
+    "gone": (remove("found/c/1"), 1),
     "a bit": (flip_a_bit, 1),
     "exchanged": (exchange, 2),
     "of another sweep": (of_another_sweep, 1),
-    "a digest gone": (lambda place: shutil.rmtree(place / "digest" / "c" / "1"), 1),
+    "a digest gone": (remove("digest/c/1"), 1),
     "bytes": (
         change_metadata(
             "found",
@@ -236,52 +233,43 @@ def test_what_is_damaged_after_it_was_computed_is_left_out_and_said(tmp_path, st
     assert np.flatnonzero(rows[:, -1] == NOT_COMPUTED).tolist() == list(range(64, 128))
 
 
-@pytest.mark.parametrize(
-    ("damage", "said"),
-    [
-        (change_metadata("found", data_type="int64", fill_value=0), "found: int64 of shape"),
-        (change_metadata("found", data_type="float32"), "found: float32 of shape"),
-        (change_metadata("found", shape=[300, 6]), r"of shape \(300, 6\)"),
-        (change_metadata("status", data_type="no"), "damaged"),
-        (change_metadata("", attributes={"lanes": 64, "points": 400}), "found no store of a sweep"),
-        (change_metadata("values", fill_value="x"), "damaged"),
-    ],
-)
-def test_a_store_of_other_arrays_is_refused(tmp_path, study, quick, damage, said):
+REFUSED = [
+    (change_metadata("found", data_type="int64", fill_value=0), "found: int64 of shape"),
+    (change_metadata("found", data_type="float32"), "found: float32 of shape"),
+    (change_metadata("found", shape=[300, 6]), r"of shape \(300, 6\)"),
+    (change_metadata("status", data_type="no"), "damaged"),
+    (change_metadata("", attributes={"lanes": 64, "points": 400}), "found no store of a sweep"),
+    (change_metadata("values", fill_value="x"), "damaged"),
+    *((remove(name), r"found a damaged store.*--overwrite") for name in ("found", "values", "status", "digest")),
+]
+
+
+def test_a_store_of_other_arrays_or_without_some_is_refused(tmp_path, study, quick):
     pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
-    damage(tmp_path / "s.zarr")
-    with pytest.raises(InputError, match=said) as refused:
-        pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
-    assert "\n" not in str(refused.value)
+    for number, (damage, said) in enumerate(REFUSED):
+        place = shutil.copytree(tmp_path / "s.zarr", tmp_path / f"{number}.zarr")
+        damage(place)
+        with pytest.raises(InputError, match=said) as refused:
+            pdssjax.sweep(study, OVER, store=SweepStore(place, resume=True))
+        assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [{"points": 0}, {"points": 399}, {"points": 401}, {"points": 10**9}, {"lanes": 0}, {"lanes": 64.5}, {"lanes": 32}],
-)
-def test_a_store_with_other_attributes_gives_no_wrong_numbers(tmp_path, study, quick, changed):
+def test_a_store_with_other_attributes_gives_no_wrong_numbers(tmp_path, study, quick):
     whole = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
-    file = tmp_path / "s.zarr" / "zarr.json"
-    document = json.loads(file.read_text())
-    file.write_text(json.dumps(document | {"attributes": document["attributes"] | changed}))
-    with warnings.catch_warnings(), contextlib.suppress(InputError):
-        warnings.simplefilter("ignore", InputWarning)
-        found = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
-        xarray.testing.assert_identical(found, whole)
+    document = json.loads((tmp_path / "s.zarr" / "zarr.json").read_text())
+    changes = [*({"points": points} for points in (0, 399, 401, 10**9)), *({"lanes": n} for n in (0, 64.5, 32))]
+    for number, changed in enumerate(changes):
+        place = shutil.copytree(tmp_path / "s.zarr", tmp_path / f"{number}.zarr")
+        text = json.dumps(document | {"attributes": document["attributes"] | changed})
+        (place / "zarr.json").write_text(text)
+        with warnings.catch_warnings(), contextlib.suppress(InputError):
+            warnings.simplefilter("ignore", InputWarning)
+            found = pdssjax.sweep(study, OVER, store=SweepStore(place, resume=True))
+            xarray.testing.assert_identical(found, whole)
 
 
 def test_two_processes_have_no_store_at_once(tmp_path, study, quick):
-    program = (
-        "import sys, pathlib\nfrom pdssjax.files.file_lock import file_lock\n"
-        "with file_lock(pathlib.Path(sys.argv[1]), pathlib.Path(), 'x'):\n    print('locked', flush=True)\n"
-        "    sys.stdin.read()"
-    )
-    command = [sys.executable, "-c", program, str(tmp_path / ".s.zarr.lock")]
-    paths = os.pathsep.join(path for path in sys.path if path)
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": paths}
-    ) as other:
-        assert other.stdout is not None and other.stdout.readline() == "locked\n"
+    with holding(tmp_path / ".s.zarr.lock") as other:
         with pytest.raises(InputError, match=r"s\.zarr: found another pdssjax at work in it"):
             pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", overwrite=True))
         other.communicate("")
@@ -306,14 +294,6 @@ def test_a_dataset_that_was_changed_on_the_disk_is_refused(tmp_path, study, quic
         InputError, match=f"sweep.{'nc' if store == 'netcdf' else store}: found numbers that do not match"
     ):
         read_sweep(tmp_path)
-
-
-@pytest.mark.parametrize("gone", ["found", "values", "status", "digest"])
-def test_a_store_of_which_something_is_gone_is_refused(tmp_path, study, quick, gone):
-    pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
-    shutil.rmtree(tmp_path / "s.zarr" / gone)
-    with pytest.raises(InputError, match=r"found a damaged store.*--overwrite"):
-        pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
 
 
 def test_too_many_points_for_the_disk_are_refused_before_any_work(tmp_path, study, quick, monkeypatch):

@@ -2,29 +2,23 @@
 
 import numpy as np
 import pytest
+import walk_files
 
-from pdssjax import load_study
-from pdssjax.files import Hints, Told, guess_file
-from pdssjax.files.new_study import study_text
+from pdssjax.files import RigOptions
 from pdssjax.metrics import detect_waveform
 
 DT = 5e-5
 
 
-def written(file, level, scatter=0.0):
-    """A record of a platform that follows a voltage, `level` of the time [s]; `scatter` is its own noise [um]."""
+def study_of(tmp_path, level, measures, scatter=0.0):
+    """The study of a platform that follows a voltage, `level` of the time [s]; `scatter` is its own noise [um]."""
     time = np.arange(-0.005, 0.4, DT)
     volts = level(time)
     moved = 0.1 * volts + scatter * np.random.default_rng(5).normal(size=time.size)
-    table = np.stack([time + 1.0, volts, moved], 1)
-    np.savetxt(file, table, delimiter=",", header="t_s,u_V,x_um", comments="")
-
-
-def study_of(tmp_path, level, measures, name="run@60 V", scatter=0.0):
-    written(tmp_path / f"{name}.csv", level, scatter)
-    found = guess_file(tmp_path / f"{name}.csv", Hints({}, {}, {}), Told(mass=0.1), measures)
-    (tmp_path / "study.toml").write_text(study_text([found], Told(mass=0.1), tmp_path, "t"), encoding="utf-8")
-    return load_study(tmp_path / "study.toml")
+    file = tmp_path / "run@60 V.csv"
+    file.write_text(walk_files.text_of("t_s,u_V,x_um", time + 1.0, volts, moved, form=".18e"))
+    rig = RigOptions(mass=0.1)
+    return walk_files.study_of(tmp_path, walk_files.guessed(tmp_path, file, rig=rig, measures=measures), rig=rig)[1]
 
 
 @pytest.mark.parametrize("late", [0.1, 0.5, 0.9])
@@ -56,7 +50,7 @@ def test_a_flank_that_samples_show_leaves_nothing_open(tmp_path):
 
 
 def test_samples_too_far_apart_for_the_ringing_leave_a_step_as_it_is(tmp_path, monkeypatch):
-    monkeypatch.setattr("pdssjax.files.guessed_record._RINGS", 0.5 * DT)
+    monkeypatch.setattr("pdssjax.files.guessed_record._LONGEST_INTERVAL", 0.5 * DT)
     study = study_of(tmp_path, lambda t: np.where(t >= 0, 60.0, 0.0), "platform")
     assert not any("@" in path for path in study.parameters)
 

@@ -131,7 +131,7 @@ def of_files(name: str) -> Callable[[Path], Callable[[random.Random], None]]:
                 for _ in reader.blocks(numbers):
                     pass
             if dice.random() < 0.2:
-                guess_file(file, pdssjax.files.Hints({}, {}, {}), pdssjax.files.Told())
+                guess_file(file, pdssjax.files.Hints({}, {}, {}), pdssjax.files.RigOptions())
 
         return attempt
 

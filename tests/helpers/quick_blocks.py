@@ -21,6 +21,11 @@ def example_study():
     return study.with_values({path: truth[path]["value"] for path in study.parameters})
 
 
+@pytest.fixture(scope="module")
+def study():
+    return example_study()
+
+
 def written(folder, study):
     """The example's study with its true values, as a file."""
     shutil.copytree(EXAMPLE, folder / "study", dirs_exist_ok=True)

@@ -1,6 +1,8 @@
 """Writes a small legal study with its records, for tests to load or to spoil."""
 
+import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 from record_tables import sawtooth_table, step_table
@@ -49,6 +51,14 @@ def write_study(folder: Path, study: str = STUDY, step: str = csv(5e-5, 40), wal
     path = folder / "study.toml"
     path.write_text(study)
     return path
+
+
+def write_estimate(folder: Path, values: Mapping[str, float], **more: object) -> Path:
+    """Writes an `estimate.json` with the `values` of parameters, and `more` keys; its path."""
+    parameters = {path: {"value": value} for path, value in values.items()}
+    file = folder / "estimate.json"
+    file.write_text(json.dumps({"format": "pdssjax-estimate/1", "parameters": parameters} | more))
+    return file
 
 
 def changed(old: str, new: str, text: str = STUDY) -> str:

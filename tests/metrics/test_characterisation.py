@@ -173,51 +173,39 @@ def test_the_figure_marks_the_turning_points_beside_their_slips(sign, tmp_path):
 
 TIME, MOTION = stick_slip(6, 5.0)
 STEP = np.where(TIME > 7.3, 5.0, 0.0)
+HEADER = "time_s,displacement_um"
 
-# name: (header, columns beside the time, options, what the message must contain)
+# name: (options, what the message must contain, the header and the columns beside the time where they are others)
 FAULTS = {
-    "wrong column": (
-        "time_s,displacement_um",
-        [MOTION],
-        {"displacement": "displacment_um"},
-        ['"displacment_um"', '"displacement_um"'],
-    ),
-    "constant": ("time_s,displacement_um", [0 * MOTION], {}, ['"displacement_um"', "same displacement", "moves"]),
-    "nothing to choose": ("time_s,voltage_V", [MOTION], {}, ["no column", '"voltage_V"', "--displacement"]),
+    "wrong column": ({"displacement": "displacment_um"}, ['"displacment_um"', '"displacement_um"']),
+    "constant": ({}, ['"displacement_um"', "same displacement", "moves"], HEADER, 0 * MOTION),
+    "nothing to choose": ({}, ["no column", '"voltage_V"', "--displacement"], "time_s,voltage_V"),
     "too much to choose": (
-        "time_s,measured_um,predicted_um",
-        [MOTION, MOTION],
         {},
         ["2 columns", '"measured_um"', '"predicted_um"', "--displacement"],
+        "time_s,measured_um,predicted_um",
+        MOTION,
+        MOTION,
     ),
     "no time": (
-        "lap_mm,displacement_um",
-        [MOTION],
         {"displacement": "displacement_um"},
         ["no column", '"lap_mm"', "--time"],
+        "lap_mm,displacement_um",
     ),
-    "no unit": ("time,displacement_um", [MOTION], {}, ['"time"', "no unit", '"time=s"']),
-    "unit of another dimension": ("time_s,x_um", [MOTION], {"force": "x_um"}, ['"x_um"', '"um"', "N"]),
-    "frequency too low": ("time_s,displacement_um", [MOTION], {"frequency": 0.5}, ["0.5 Hz", "1.25 Hz"]),
-    "frequency too high": ("time_s,displacement_um", [MOTION], {"frequency": 5e3}, ["5000 Hz", "100 Hz"]),
-    "frequency of zero": ("time_s,displacement_um", [MOTION], {"frequency": 0.0}, ["0 Hz", "1.25 Hz"]),
-    "frequency of something else": ("time_s,displacement_um", [MOTION], {"frequency": 7.3}, ["no cycles", "7.3 Hz"]),
-    "a single step": ("time_s,displacement_um", [STEP], {}, ["found", "expected", "cycles"]),
-    "too short": ("time_s,displacement_um", [MOTION], {"window": (7.0, 7.05)}, ["expected", "cycle"]),
-    "window beside the record": ("time_s,displacement_um", [MOTION], {"window": (1.0, 2.0)}, ["no sample", "1 s to 2"]),
-    "slip longer than half the cycle": (
-        "time_s,displacement_um",
-        [MOTION],
-        {"slip_duration": 0.15},
-        ["0.15 s", "0.1 s"],
-    ),
+    "no unit": ({}, ['"time"', "no unit", '"time=s"'], "time,displacement_um"),
+    "unit of another dimension": ({"force": "x_um"}, ['"x_um"', '"um"', "N"], "time_s,x_um"),
+    "a single step": ({}, ["found", "expected", "cycles"], HEADER, STEP),
+    "too short": ({"window": (7.0, 7.05)}, ["expected", "cycle"]),
+    "window beside the record": ({"window": (1.0, 2.0)}, ["no sample", "1 s to 2"]),
+    "slip longer than half the cycle": ({"slip_duration": 0.15}, ["0.15 s", "0.1 s"]),
 }
 
 
-@pytest.mark.parametrize("name", FAULTS)
-def test_input_at_fault_is_refused_by_name(name, tmp_path):
-    header, columns, options, expected = FAULTS[name]
-    file = written(tmp_path / "motion.csv", TIME, np.column_stack(columns), header)
+@pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
+def test_input_at_fault_is_refused_by_name(fault, tmp_path):
+    options, expected, *header = fault
+    header, *columns = header or [HEADER]
+    file = written(tmp_path / "motion.csv", TIME, np.column_stack(columns or [MOTION]), header)
     with pytest.raises(InputError) as caught:
         characterise(file, **options)
     message = str(caught.value)

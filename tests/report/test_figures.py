@@ -86,10 +86,11 @@ def test_chi_square_is_in_the_caption_where_a_noise_was_given():
     assert "chi-square per sample 4.6" in drawn(record_figure(judged)).get_suptitle()
 
 
+@pytest.mark.parametrize("figure_of", [record_figure, residual_split_figure])
 @pytest.mark.parametrize("samples", [2, 5])
-def test_a_record_of_few_samples_can_be_drawn(samples):
+def test_a_record_of_few_samples_can_be_drawn(samples, figure_of):
     time = np.linspace(0.0, 1.0, samples)
-    drawn(record_figure(fabricated.record("short", "fit", "platform", time, 1e-6 * time)))
+    drawn(figure_of(fabricated.record("short", "fit", "platform", time, 1e-6 * time)))
 
 
 def test_correlations_are_written_into_their_cells():
@@ -99,10 +100,6 @@ def test_correlations_are_written_into_their_cells():
     assert texts[0] == f"{estimate.correlation[1, 0]:.2f}"
     assert texts.count("×") == 7
     assert "no information" in axes.get_title("left")
-
-
-def test_a_fit_without_any_known_error_can_be_drawn():
-    drawn(error_figure(dataclasses.replace(fabricated.estimate(), parameters={})))
 
 
 def test_the_amplification_is_written_into_its_cells():
@@ -163,9 +160,10 @@ def test_naive_intervals_are_on_the_scale_that_whole_ones_are_on():
     np.testing.assert_allclose(ends, 100.0 * (np.array(log(0.1)) / value - 1.0), rtol=1e-3)
 
 
-def test_ways_of_which_nothing_is_known_can_be_drawn():
+def test_a_fit_of_which_nothing_is_known_can_be_drawn():
     nothing = dataclasses.replace(fabricated.estimate(), names=())
     drawn(comparison_figure([nothing, nothing]))
+    drawn(error_figure(dataclasses.replace(nothing, parameters={})))
 
 
 @pytest.mark.parametrize("over", [{"point": 40}, {"drive_voltage": 5, "point": 3}])
@@ -247,12 +245,6 @@ def test_a_record_that_does_not_repeat_is_shown_over_time(change):
 def test_residuals_of_zero_have_no_autocorrelation_and_are_no_trouble():
     record = repeating(0.0)
     drawn(residual_split_figure(dataclasses.replace(record, predicted=record.measured)))
-
-
-@pytest.mark.parametrize("samples", [2, 5])
-def test_the_residuals_of_few_samples_can_be_drawn(samples):
-    time = np.linspace(0.0, 1.0, samples)
-    drawn(residual_split_figure(fabricated.record("short", "fit", "platform", time, 1e-6 * time)))
 
 
 def test_errors_by_every_model_are_drawn():

@@ -149,23 +149,23 @@ def test_an_axis_of_one_value_is_held_and_the_other_drawn(alone):
     np.testing.assert_array_equal(both.axes[0].lines[0].get_xdata(), data[other].values)
 
 
-@pytest.mark.parametrize(("low", "high", "most"), [(0.5, 2000.0, 4), (1e-6, 1e6, 8)])
-def test_a_logarithmic_axis_over_decades_has_some_ticks_that_do_not_touch(low, high, most):
+@pytest.mark.parametrize(
+    ("low", "high", "most", "ticks"),
+    [
+        (0.5, 2000.0, 4, []),
+        (1e-6, 1e6, 8, []),
+        (4.0, 64.0, 9, ["5", "10", "20", "50"]),
+        (20.0, 80.0, 9, ["20", "40"]),
+    ],
+)
+def test_a_logarithmic_axis_has_ticks_to_read_that_do_not_touch(low, high, most, ticks):
     data = swept("drive_voltage", "drive_frequency")
     places = data.drive_frequency.copy(data=np.geomspace(low, high, 4))
     figure = sweep_figure(data.assign_coords(drive_frequency=places))
     figure.draw_without_rendering()
+    assert figure.axes[0].get_xscale() == "log"
     labels = [label for label in figure.axes[0].get_xticklabels() if low <= label.get_position()[0] <= high]
     boxes = [label.get_window_extent() for label in labels]
-    assert 3 <= len(labels) <= most
-    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
-
-
-@pytest.mark.parametrize(("low", "high", "ticks"), [(4.0, 64.0, ["5", "10", "20", "50"]), (20.0, 80.0, ["20", "40"])])
-def test_a_logarithmic_axis_has_ticks_to_read(low, high, ticks):
-    data = swept("drive_voltage", "drive_frequency")
-    places = data.drive_frequency.copy(data=np.geomspace(low, high, 4))
-    figure = sweep_figure(data.assign_coords(drive_frequency=places))
-    figure.draw_without_rendering()
-    shown = [label.get_text() for label in figure.axes[0].get_xticklabels()]
-    assert figure.axes[0].get_xscale() == "log" and set(ticks) <= set(shown)
+    assert 2 <= len(labels) <= most and set(ticks) <= {label.get_text() for label in labels}
+    assert len(labels) >= 3 or ticks
+    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes) if left.width and right.width)

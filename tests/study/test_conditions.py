@@ -24,9 +24,9 @@ def test_a_study_as_it_is_in_a_record_has_no_conditions_left(start, number):
     usual = Parameter("drive.fall_time", "s", declared, value=1e-4)
     late = Parameter("drive.fall_time@slow", "s", declared, start=start)
     study = dataclasses.replace(study, parameters=study.parameters | {usual.path: usual, late.path: late})
-    assert study.as_in(record).parameters == study.as_in(record).as_in(record).parameters
-    assert study.as_in(record).parameters["drive.fall_time"] == usual
+    assert study.for_record(record).parameters == study.for_record(record).for_record(record).parameters
+    assert study.for_record(record).parameters["drive.fall_time"] == usual
     slow = dataclasses.replace(record, conditions=frozenset({"slow"}))
-    found = study.as_in(slow).parameters
+    found = study.for_record(slow).parameters
     assert list(found) == [path for path in study.parameters if path != late.path]
     assert found["drive.fall_time"].free and found["drive.fall_time"].number == number

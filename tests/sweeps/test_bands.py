@@ -1,12 +1,12 @@
 """Bands are those of the covariance: exact for what is linear, flagged where first order does not hold."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
 import xarray
 from quick_blocks import example_study, quick as quick
+from study_files import write_estimate
 
 import pdssjax
 from pdssjax import InputError
@@ -23,7 +23,7 @@ from pdssjax.sweeps import (
     plan_sweep,
     with_bands,
 )
-from pdssjax.sweeps.dataset import labelled
+from pdssjax.sweeps.sweeping import labelled
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -127,32 +127,13 @@ def estimate(tmp_path):
     matrix = [
         [None if np.isnan(e * f) else e * f * (i == j) for j, f in enumerate(errors)] for i, e in enumerate(errors)
     ]
-    document = {"format": "pdssjax-estimate/1", "parameters": {path: {"value": v} for path, v in values.items()}}
-    file = tmp_path / "estimate.json"
-    file.write_text(json.dumps(document | {"covariance": {"names": names, "matrix": matrix}}))
-    return file
+    return write_estimate(tmp_path, values, covariance={"names": names, "matrix": matrix})
 
 
 def test_the_covariance_of_an_estimate_is_read_without_what_nothing_is_known_of(estimate):
     names, covariance, errors = read_covariance(estimate)
     assert names == ("piezo.gain", "friction.f_ss_a") and errors == "standard"
     assert np.sqrt(covariance[0, 0]) == pytest.approx(0.01 * 1.007e-7, rel=1e-3)
-
-
-@pytest.mark.parametrize("kind", ["linear", "draws", "bootstrap"])
-def test_the_command_gives_bands(tmp_path, estimate, quick, capsys, monkeypatch, kind):
-    linear_in_gain = lambda function, points: np.column_stack(
-        [*[1e7 * points[:, 1:2] * points[:, :1]] * 5, 0 * points[:, :1]]
-    )
-    monkeypatch.setattr(execution, "compute_block", linear_in_gain)
-    gains = 1.007e-7 * (1.0 + 0.01 * np.random.default_rng(6).standard_normal(1000))
-    np.savetxt(tmp_path / "bootstrap.csv", gains, "%.10g", header="piezo.gain [m/V]", comments="")
-    shutil.copytree(EXAMPLE, tmp_path / "study")
-    command = ["sweep", str(tmp_path / "study" / "study.toml"), "--voltage", "20:80:4", "--estimate", str(estimate)]
-    assert main([*command, "--bands", kind, "--draws", "400", "--out", str(tmp_path / "out")]) == 0
-    data = xarray.open_dataset(tmp_path / "out" / "sweep.nc", engine="scipy").load()
-    np.testing.assert_allclose(data.net_step_sd / data.net_step, 0.01, rtol=1e-3 if kind == "linear" else 0.1)
-    assert " 95 % " in capsys.readouterr().out
 
 
 def bands_of_the_command(tmp_path, estimate, *more):
@@ -163,10 +144,15 @@ def bands_of_the_command(tmp_path, estimate, *more):
 
 
 @pytest.mark.parametrize("kind", ["linear", "draws", "bootstrap"])
-def test_what_bands_scatter_about_is_told_and_kept(tmp_path, estimate, quick, capsys, kind):
+def test_the_command_gives_bands_and_tells_what_they_scatter_about(tmp_path, estimate, capsys, monkeypatch, kind):
+    linear_in_gain = lambda function, points: np.column_stack(
+        [*[1e7 * points[:, 1:2] * points[:, :1]] * 5, 0 * points[:, :1]]
+    )
+    monkeypatch.setattr(execution, "compute_block", linear_in_gain)
     gains = 1.007e-7 * np.random.default_rng(6).normal(1.0, 0.01, 1000)
     np.savetxt(tmp_path / "bootstrap.csv", gains, "%.10g", header="piezo.gain [m/V]", comments="")
     data = bands_of_the_command(tmp_path, estimate, kind, "--draws", "400")
+    np.testing.assert_allclose(data.net_step_sd / data.net_step, 0.01, rtol=1e-3 if kind == "linear" else 0.1)
     told, value = json.loads(data.attrs["parameters"]), example_study().values()["piezo.gain"]
     gain = told["piezo.gain"]
     assert gain["value"] == value and gain["source"] == f"estimate {estimate}"
@@ -176,7 +162,9 @@ def test_what_bands_scatter_about_is_told_and_kept(tmp_path, estimate, quick, ca
     assert json.loads((tmp_path / "out" / "parameters.json").read_text())["parameters"] == told
     # It is not held: neither an attribute of its own nor a number of the job, by which stores are told apart.
     assert "piezo.gain" not in data.attrs and data.attrs["effector.mass"] == told["effector.mass"]["value"]
-    row = next(line.split() for line in capsys.readouterr().out.splitlines() if "piezo.gain" in line)
+    printed = capsys.readouterr().out
+    assert " 95 % " in printed
+    row = next(line.split() for line in printed.splitlines() if "piezo.gain" in line)
     assert row[:3] == ["piezo.gain", "um/V", "0.1007"] and float(row[3]) == pytest.approx(0.001, rel=0.1)
 
 
@@ -185,9 +173,7 @@ def test_draws_about_other_numbers_than_the_study_has_are_told_as_given():
     planned = plan_sweep(example_study(), Crossed(GRID, about))
     assert "piezo.gain" not in planned.document["parameters"]
     found = np.zeros((len(planned.points), 6))
-    data = labelled(
-        planned.study, planned.base, planned.points, planned.declared, found, planned.function, planned.used
-    )
+    data = labelled(planned, found)
     told = json.loads(data.attrs["parameters"])["piezo.gain"]
     assert told == {"value": 2e-7, "unit": "m/V", "source": "given", "standard_error": 1e-9}
 

@@ -1,12 +1,12 @@
 """A border is found to its tolerance with few points."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 import xarray
-from quick_blocks import example_study
+from quick_blocks import study as study
+from study_files import write_estimate
 
 import pdssjax
 from pdssjax import InputError, InputWarning
@@ -18,11 +18,6 @@ from pdssjax.sweeps import execution, find_border
 FREQUENCIES = np.linspace(5.0, 50.0, 10)
 TRUTH = 12.0 + 0.7 * FREQUENCIES
 """The border [V] at each of them."""
-
-
-@pytest.fixture(scope="module")
-def study():
-    return example_study()
 
 
 @pytest.fixture
@@ -71,9 +66,7 @@ def test_what_has_no_border_is_refused_before_any_work(study, dead, change, esse
 @pytest.fixture
 def command(study, tmp_path):
     """`pdssjax sweep` of the example with its true values."""
-    estimate = tmp_path / "estimate.json"
-    known = {path: {"value": value} for path, value in study.values().items()}
-    estimate.write_text(json.dumps({"format": "pdssjax-estimate/1", "converged": True, "parameters": known}))
+    estimate = write_estimate(tmp_path, study.values())
     return ["sweep", str(EXAMPLE / "study.toml"), "--estimate", str(estimate), "--out", str(tmp_path / "out")]
 
 

@@ -1,21 +1,15 @@
 """Every axis of a sweep changes its points, or is refused by name before any work."""
 
-import json
-
 import numpy as np
 import pytest
-from quick_blocks import example_study
+from quick_blocks import study as study
+from study_files import write_estimate
 
 from pdssjax import InputError
 from pdssjax.cli.main import main
 from pdssjax.files import EXAMPLE
 from pdssjax.sweeps import CovarianceDraws, Crossed, Grid, Sobol, changes_a_sweep, find_border, plan_sweep
 from pdssjax.sweeps.execution import job_document, point_function
-
-
-@pytest.fixture(scope="module")
-def study():
-    return example_study()
 
 
 @pytest.mark.parametrize(
@@ -77,11 +71,8 @@ def test_draws_of_what_is_known_may_hold_what_changes_nothing(study):
     assert len(plan_sweep(listed, Crossed(Grid({"drive.voltage": [60.0]}), about)).points) == 5
 
 
-def test_the_command_refuses_it_too(tmp_path, capsys):
-    truth = json.loads((EXAMPLE / "truth.json").read_text())["parameters"]
-    known = {path: {"value": told["value"]} for path, told in truth.items() if path != "piezo.mass"}
-    estimate = tmp_path / "estimate.json"
-    estimate.write_text(json.dumps({"format": "pdssjax-estimate/1", "parameters": known}))
+def test_the_command_refuses_it_too(study, tmp_path, capsys):
+    estimate = write_estimate(tmp_path, study.values())
     out = ["--estimate", str(estimate), "--out", str(tmp_path / "out")]
     assert main(["sweep", str(EXAMPLE / "study.toml"), "--vary", "sensor.bandwidth=50,1000", *out]) == 2
     assert '"sensor.bandwidth", which changes nothing' in capsys.readouterr().err

@@ -7,7 +7,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 
 import numpy as np
 import pytest
-from quick_blocks import example_study, found_at, quick as quick
+from quick_blocks import found_at, quick as quick, study as study
 
 import pdssjax
 from pdssjax import Accuracy, InputError, OneStep
@@ -16,11 +16,6 @@ from pdssjax.sweeps.execution import differences, job_document, job_text, point_
 
 OVER = {"drive.voltage": np.linspace(20.0, 80.0, 30), "drive.frequency": np.linspace(2.0, 50.0, 20)}
 """600 points: ten blocks."""
-
-
-@pytest.fixture(scope="module")
-def study():
-    return example_study()
 
 
 class Later(Executor):
@@ -63,8 +58,9 @@ def test_only_plain_data_is_sent_and_the_job_is_rebuilt_from_it(study, quick):
     pdssjax.sweep(study, {"drive.voltage": np.linspace(1.0, 2.0, 192)}, executor=executor, in_flight=3)
     for text, number, points in executor.sent:
         assert (type(text), type(number), type(points)) == (str, int, np.ndarray)
-    for asked in (study, dataclasses.replace(study, rests_under_load=True)):
-        planned = plan_sweep(asked, OVER, accuracy=Accuracy(tolerance=1e-10))
+    for asked, cycles in ((study, 4), (study, "steady"), (dataclasses.replace(study, rests_under_load=True), 4)):
+        planned = plan_sweep(asked, OVER, accuracy=Accuracy(tolerance=1e-10), cycles=cycles)
+        assert planned.document["cycles"] == cycles
         again = point_function(json.loads(job_text(planned.document)))
         assert job_document(again) == planned.document
         assert again.accuracy.tolerance == 1e-10 and again.models == planned.function.models == asked.models

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray
-from quick_blocks import example_study, found_at
+from quick_blocks import found_at, study as study
+from study_files import write_estimate
 
 import pdssjax
 from pdssjax import Accuracy, Actuator, InputError
@@ -30,11 +31,6 @@ DRIVES = {"drive.voltage": [64.0, 120.0], "drive.frequency": [50.0, 150.0]}
 STOP = {"stop.stiffness": [1e5, 1e5]}
 BY = ("piezo.gain", "friction.f_ss_a", "drive.frequency")
 SMOOTH = ("net_step", "speed", "efficiency", "stroke", "back_slip")
-
-
-@pytest.fixture(scope="module")
-def study():
-    return example_study()
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +113,7 @@ def test_a_point_whose_details_fail_keeps_its_cycle_and_says_so(study, monkeypat
         asked.append(np.asarray(points))
         return np.ones((len(points), 6)), (np.asarray(points)[:, 0] > 100.0).astype(int)
 
-    monkeypatch.setattr("pdssjax.sweeps.point._detailed", detailed)
+    monkeypatch.setattr("pdssjax.sweeps.point._details", detailed)
     points = np.array([[64.0, 50.0], [120.0, 150.0], [80.0, 5.0], *[[80.0, 5.0]] * 61])
     found = compute_block(planned.function, points)
     assert found[:3, -1].tolist() == [0, INCOMPLETE, 0] and len(POINT_FAILURES) == GRAZING + 1
@@ -134,7 +130,7 @@ def test_a_point_that_grazes_keeps_its_metrics_and_says_so(study, monkeypatch):
     blocks = {
         "_side_by_side": lambda f, p: (first, np.zeros(3)),
         "_one_by_one": lambda f, p: (np.full((len(p), 7), 2.0), np.full(len(p), GRAZING)),
-        "_detailed": lambda f, p: (
+        "_details": lambda f, p: (
             np.where((np.arange(6) > 0) & (np.asarray(p)[:, :1] > 70.0), np.nan, 4.0),
             np.where(np.asarray(p)[:, 0] > 70.0, GRAZING, 0),
         ),
@@ -147,13 +143,6 @@ def test_a_point_that_grazes_keeps_its_metrics_and_says_so(study, monkeypatch):
     # The reversals are there, the derivatives are not.
     np.testing.assert_array_equal(found[:, 7], 4.0)
     np.testing.assert_array_equal(np.isnan(found[:, 8:-1]), np.array([[False], [True], [True]]).repeat(5, axis=1))
-
-
-def test_the_report_counts_points_that_graze_apart_from_those_that_failed():
-    data = both_ways(0.5)
-    data.failure[2, 3, 0], data.failure[4, 1, 1], data.failure[5, 1, 1] = GRAZING, GRAZING, INCOMPLETE
-    told = format_sweep(data)
-    assert "At 2 points a reversal of its cycle grazes" in told and "1 points failed" in told
 
 
 def both_ways(ratio):
@@ -210,9 +199,7 @@ def test_the_command_asks_for_metrics_and_derivatives(study, tmp_path, monkeypat
         return np.column_stack([row[:, :5], np.ones((len(points), len(function.columns) - 5)), row[:, -1]])
 
     monkeypatch.setattr(execution, "compute_block", compute_block)
-    estimate = tmp_path / "estimate.json"
-    known = {path: {"value": value} for path, value in study.values().items()}
-    estimate.write_text(json.dumps({"format": "pdssjax-estimate/1", "converged": True, "parameters": known}))
+    estimate = write_estimate(tmp_path, study.values())
     command = ["sweep", str(EXAMPLE / "study.toml"), "--voltage", "20:80:3", "--estimate", str(estimate)]
     asked = ["--metrics", "all", "--derivatives", "piezo.gain, drive.frequency", "--both-directions"]
     assert main([*command, *asked, "--out", str(tmp_path / "out")]) == 0

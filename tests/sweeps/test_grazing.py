@@ -11,7 +11,7 @@ from benchmarks.maps import net_step_after
 from pdssjax import Accuracy
 from pdssjax.integration import GRAZES
 from pdssjax.sweeps import GRAZING, plan_sweep
-from pdssjax.sweeps.point import _detailed, _found_of, _one_by_one, compute_block
+from pdssjax.sweeps.point import _details, _one_by_one, _results, compute_block
 
 FREQUENCY = 150.0
 
@@ -27,7 +27,7 @@ def looked_at(function):
     """Reversals, grazing, multiplier and failure of steady cycles at eight voltages."""
 
     def look(volts):
-        return np.column_stack(_found_of(_detailed, function, np.column_stack([volts, np.full(8, FREQUENCY)]))).T
+        return np.column_stack(_results(_details, function, np.column_stack([volts, np.full(8, FREQUENCY)]))).T
 
     return look
 
@@ -55,7 +55,7 @@ def test_a_cycle_with_a_grazing_reversal_is_integrated_and_says_so(function, loo
     assert (failure[4:] == 0).all() and (multiplier[4:] < 1.0).all() and (reversals > 0).all()
     # Left to Newton's method it is integrated, too: to what 200 cycles lead to.
     values = np.array([grazing_voltage, FREQUENCY])
-    (patient,), failed = _found_of(_one_by_one, function, values[None])
+    (patient,), failed = _results(_one_by_one, function, values[None])
     expected = float(net_step_after(function)(values))
     assert failed.tolist() == [GRAZING] and np.isfinite(patient).all()
     assert float(patient[0]) == pytest.approx(expected, abs=1e-10)

@@ -1,9 +1,8 @@
 """A sweep is of the record whose drive it varies: what holds under its conditions holds at all points."""
 
-import json
-
 import numpy as np
 import pytest
+from study_files import write_estimate
 from walking_study import write_walking
 
 import pdssjax
@@ -59,10 +58,7 @@ def estimate(written, tmp_path):
     values = load_study(written).values()
     names = ["piezo.gain", "piezo.gain@other", "drive.fall_time", "drive.fall_time@slow", "drive.rise_time"]
     matrix = np.diag([(0.01 * values.get(name, 1.0)) ** 2 for name in names]).tolist()
-    document = {"format": "pdssjax-estimate/1", "parameters": {path: {"value": v} for path, v in values.items()}}
-    file = tmp_path / "estimate.json"
-    file.write_text(json.dumps(document | {"covariance": {"names": names, "matrix": matrix}}))
-    return file
+    return write_estimate(tmp_path, values, covariance={"names": names, "matrix": matrix})
 
 
 @pytest.mark.parametrize("option", ["--bands", "--derivatives"])
@@ -73,7 +69,7 @@ def test_bands_and_derivatives_are_by_what_holds_there(written, estimate, tmp_pa
     study, points, options = caught.value.args
     plan_sweep(study, points, **{name: options[name] for name in ("record", "cycles", "metrics", "derivatives")})
     if option == "--derivatives":
-        assert set(options["derivatives"]) == set(study.as_in(study.records[1]).parameters)
+        assert set(options["derivatives"]) == set(study.for_record(study.records[1]).parameters)
         return
     assert set(points.paths) == {"drive.voltage", "drive.frequency", "piezo.gain", "drive.fall_time"}
     falls = points.values()[:, points.paths.index("drive.fall_time")]

@@ -1,12 +1,12 @@
 """A sweep is many single runs, labelled: each point is its own simulation, and one that fails says so."""
 
 import dataclasses
-import json
 
 import jax
 import numpy as np
 import pytest
 import xarray
+from quick_blocks import study as study
 
 import pdssjax
 from pdssjax import Accuracy, Actuator, InputError, InputWarning, Taylor
@@ -19,19 +19,9 @@ from pdssjax.drive.triangle import Triangle
 from pdssjax.files import EXAMPLE, write_sweep
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.study import Parameter
 from pdssjax.sweeps import find_border
 
 UM = 1e6
-
-
-@pytest.fixture(scope="module")
-def study():
-    """The packaged example with its true values."""
-    loaded = pdssjax.load_study(EXAMPLE / "study.toml")
-    truth = json.loads((EXAMPLE / "truth.json").read_text())["parameters"]
-    known = {p: Parameter(p, q.unit, q.quantity, value=truth[p]["value"]) for p, q in loaded.parameters.items()}
-    return dataclasses.replace(loaded, parameters=known)
 
 
 GRID = {"drive.voltage": [30.0, 64.0, 75.0], "drive.frequency": [5.0, 23.0], "friction.f_ss_a": [0.5, 0.8]}
@@ -187,9 +177,7 @@ def test_the_command_writes_a_dataset_and_a_map(tmp_path, capsys, monkeypatch, d
         assert kept.net_step.attrs == data.net_step.attrs
     assert (tmp_path / "sweep.png").stat().st_size > 10_000
     assert main([*arguments, "--out", str(tmp_path)]) == 2
-    assert (
-        main(["sweep", str(EXAMPLE / "study.toml"), "--vary", "friction.f_ss_a", "--out", str(tmp_path / "new")]) == 2
-    )
+    assert main([*arguments[:-1], "friction.f_ss_a", "--out", str(tmp_path / "new")]) == 2
     assert "--vary" in capsys.readouterr().err
 
 
@@ -205,7 +193,6 @@ def test_a_store_that_is_not_installed_is_refused_before_the_sweep(tmp_path, cap
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     monkeypatch.setitem(vars(pdssjax), "sweep", lambda *given, **how: pytest.fail("swept for nothing"))
     out = tmp_path / "out"
-    assert (
-        main(["sweep", str(EXAMPLE / "study.toml"), "--voltage", "30:75:3", "--store", "zarr", "--out", str(out)]) == 2
-    )
+    command = ["sweep", str(EXAMPLE / "study.toml"), "--voltage", "30:75:3", "--store", "zarr"]
+    assert main([*command, "--out", str(out)]) == 2
     assert "--store" in capsys.readouterr().err and not out.exists()

@@ -148,7 +148,7 @@ class Page:
     # Changes of numbers
 
     def _change_parameter(self, path: str, number: float) -> None:
-        self._settings = self._settings.with_value(path, number)
+        self._settings = self._settings.with_values({path: number})
         self._ask_redraw()
 
     def _change_drive(self, path: str, number: float) -> None:
@@ -301,7 +301,7 @@ class Page:
         for record in self._study.records:
             report(record.name)  # where the job may be stopped
             instants = instants_of(record, *initial_stretch(record))
-            found[record.name] = self._bench.records.score(record.name, settings, instants)
+            found[record.name] = self._bench.records.redraw(record.name, settings, instants).score
         return found
 
     def _scored(self, scores: dict[str, Score] | None, error: BaseException | None, settings: Settings) -> None:

@@ -112,7 +112,7 @@ def encoding_of(file: Path, head: bytes) -> str:
     return "utf-8"
 
 
-def dialect_of(file: Path, head: bytes, decimal: str = "") -> Dialect:
+def dialect_of(file: Path, head: bytes, decimal: str) -> Dialect:
     """The dialect of a table that begins with `head`; `decimal` where it is known.
 
     **Raises:** `InputError` if there is no table of numbers.
@@ -279,11 +279,15 @@ def _header(above: Sequence[str], separator: str, width: int, decimal: str) -> t
     units = len(rows) > 1 and _are_units(rows[-1], decimal)
     if rows and "increment" in [cell.lower() for cell in rows[0][width:]]:
         rows = [row[:width] for row in rows]  # beside them stand start and increment of the clock
-    fits = lambda row: len(_ended(row)) <= width and len(_ended(row)) >= min(width, 2) and len(row) >= width - 1
+    fits = lambda row: (
+        len(_without_empty_end(row)) <= width
+        and len(_without_empty_end(row)) >= min(width, 2)
+        and len(row) >= width - 1
+    )
     nearest = rows[-1] if rows else []
     if not rows or not fits(nearest):
         rows = rows if rows else [split(line) for line in remarks[-2:]]
-        if not rows or len(_ended(rows[-1])) != width:
+        if not rows or len(_without_empty_end(rows[-1])) != width:
             return [], [], nearest
     rows = [[*row, *[""] * width][:width] if fits(row) else [] for row in rows]
     last, before = rows[-1], rows[0] if len(rows) > 1 else []
@@ -300,7 +304,7 @@ def _are_units(row: list[str], decimal: str) -> bool:
     return units > 0 and words <= (1 if numbers else 0)
 
 
-def _ended(row: list[str]) -> list[str]:
+def _without_empty_end(row: list[str]) -> list[str]:
     """A row without the empty cells at its end."""
     while row and not row[-1]:
         row = row[:-1]

@@ -111,7 +111,7 @@ class DelimitedText(AbstractReader):
         self, grouped: "_GroupedColumns", places: np.ndarray, values: np.ndarray, lines: list[str]
     ) -> None:
         """Refuse a column of numbers of which nobody but the user can tell whether their thousands are divided."""
-        found = grouped.look(places, values, lines, lambda line: cells_of(line, self.dialect.separator))
+        found = grouped.first_ambiguous(places, values, lines, lambda line: cells_of(line, self.dialect.separator))
         if found is None:
             return
         named = {channel.number: channel.name for channel in self.channels()}
@@ -147,7 +147,7 @@ def _samples_of(lines: list[str], done: int) -> tuple[np.ndarray, list[str]]:
     return places[kept], [line for line, keep in zip(lines, kept, strict=True) if keep]
 
 
-class _Grouped(NamedTuple):
+class _AmbiguousNumber(NamedTuple):
     """A number that may be read in two ways."""
 
     place: int
@@ -166,15 +166,15 @@ class _GroupedColumns:
         # Columns of which no number has shown that its sign is a decimal one.
         self._open = set(self._positions)
         self._whole: set[int] = set()
-        self._first: dict[int, _Grouped] = {}
+        self._first: dict[int, _AmbiguousNumber] = {}
 
-    def look(
+    def first_ambiguous(
         self,
         places: Int[np.ndarray, " samples"],
         values: Float[np.ndarray, "samples columns"],
         lines: Sequence[str],
         cells: Callable[[str], Sequence[str]],
-    ) -> _Grouped | None:
+    ) -> _AmbiguousNumber | None:
         """The first number that may be read in two ways, of a column that has nothing but such and whole numbers.
 
         **Arguments:** `values` are the columns as they were read, `lines` what they were read from, and `cells` gives
@@ -187,14 +187,14 @@ class _GroupedColumns:
         zeros = f"{self._decimal}000"
         left = [p for k, p in enumerate(self._positions) if p in self._open and not _is_whole(values[:, k])]
         if self._open and (left or any(zeros in line for line in lines)):
-            self._look_at_cells(places, lines, cells)
+            self._classify_cells(places, lines, cells)
         elif self._open:
             self._whole |= {
                 p for k, p in enumerate(self._positions) if p in self._open and np.any(np.isfinite(values[:, k]))
             }
         return next((self._first[p] for p in self._positions if p in self._open & self._whole & set(self._first)), None)
 
-    def _look_at_cells(
+    def _classify_cells(
         self, places: Int[np.ndarray, " samples"], lines: Sequence[str], cells: Callable[[str], Sequence[str]]
     ) -> None:
         for place, line in zip(places, lines, strict=True):
@@ -202,7 +202,7 @@ class _GroupedColumns:
             for position in list(self._open):
                 cell = row[position] if position < len(row) else ""
                 if self._group.fullmatch(cell):
-                    self._first.setdefault(position, _Grouped(int(place), position, cell))
+                    self._first.setdefault(position, _AmbiguousNumber(int(place), position, cell))
                 elif self._decimal in cell or len(cell.lstrip("+-")) > 3:
                     self._open.discard(position)
                 elif cell.lstrip("+-").isdecimal():

@@ -70,11 +70,11 @@ def _flat(name: str, value: Any, unit: str) -> list[_Array]:
         if label and isinstance(data, np.ndarray):
             return _flat(label, data, _text(value.get("Unit", "")))
         if isinstance(value.get("X"), Mapping) and "Y" in value:
-            return _captured(name, value)
+            return _read_capture(name, value)
         unit = _text(value.get("unit", value.get("units", value.get("Unit", ""))))
         return [array for key, inner in value.items() for array in _flat(f"{name}.{key}", inner, unit)]
     if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.dtype == object):
-        items = enumerate(_told_apart(list(np.ravel(np.asarray(value, dtype=object)))), start=1)
+        items = enumerate(_distinct_series(list(np.ravel(np.asarray(value, dtype=object)))), start=1)
         return [array for number, inner in items for array in _flat(f"{name}[{number}]", inner, unit)]
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiuc" or value.ndim not in (1, 2):
         return []
@@ -90,7 +90,7 @@ def _flat(name: str, value: Any, unit: str) -> list[_Array]:
     return [_Array(named(k), unit, line.astype(float)) for k, line in enumerate(lines, start=1)]
 
 
-def _captured(name: str, value: Mapping[str, Any]) -> list[_Array]:
+def _read_capture(name: str, value: Mapping[str, Any]) -> list[_Array]:
     """The channels of a capture of dSPACE: X is the clock of the series in Y, also where it has no name."""
     clock = value["X"]
     if isinstance(clock.get("Data"), np.ndarray) and not _text(clock.get("Name", "")):
@@ -99,7 +99,7 @@ def _captured(name: str, value: Mapping[str, Any]) -> list[_Array]:
     return [array for key, inner in parts.items() for array in _flat(f"{name}.{key}", inner, "")]
 
 
-def _told_apart(items: Sequence[Any]) -> list[Any]:
+def _distinct_series(items: Sequence[Any]) -> list[Any]:
     """Series of a list, those with one Name (dSPACE's "ADC") called by the end of their Path, too."""
     named = lambda item: _text(item.get("Name", "")) if isinstance(item, Mapping) else ""
     count = Counter(map(named, items))

@@ -38,14 +38,14 @@ class Oscilloscope(AbstractReader):
         return file.suffix.lower() in _ENDINGS or _LECROY in head[:64]
 
     def channels(self) -> list[Channel]:
-        return [channel for channel, _ in self._shown()]
+        return [channel for channel, _ in self._active_channels()]
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
-        shown = self._shown()
+        shown = self._active_channels()
         chosen = [shown[number - 1] for number in numbers]
         yield from blocks_of(self.file, [(channel.name, samples) for channel, samples in chosen], first)
 
-    def _shown(self) -> Shown:
+    def _active_channels(self) -> Shown:
         """The channels that were on."""
         wfm = library("RigolWFM.wfm", "oscilloscope", self.file)
         expected = self.expected

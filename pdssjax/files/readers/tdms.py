@@ -28,7 +28,7 @@ class Tdms(AbstractReader):
         return head.startswith(b"TDSm") or file.suffix.lower() == ".tdms"
 
     def channels(self) -> list[Channel]:
-        with refusing(self.file, self.expected), _opened(self.file) as opened:
+        with refusing(self.file, self.expected), _open_quietly(self.file) as opened:
             lines = _lines(opened)
             begins = [_begin(stored) for stored, _ in lines]
             earliest = min([begin for begin in begins if begin is not None], default=None)
@@ -48,7 +48,7 @@ class Tdms(AbstractReader):
         return found
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
-        with refusing(self.file, self.expected), _opened(self.file) as opened:
+        with refusing(self.file, self.expected), _open_quietly(self.file) as opened:
             lines = _lines(opened)
             chosen = [lines[number - 1] for number in numbers]
             count = same_length(self.file, {stored.name: len(stored) for stored, _ in chosen})
@@ -59,7 +59,7 @@ class Tdms(AbstractReader):
                 yield Block(values, np.arange(begin + 1, end + 1))
 
 
-def _opened(file: Path) -> Any:
+def _open_quietly(file: Path) -> Any:
     """The file, open; what npTDMS would say of it on standard error is left unsaid."""
     nptdms = library("nptdms", "tdms", file)
     library("nptdms.log", "tdms", file).log_manager.set_level(logging.ERROR)

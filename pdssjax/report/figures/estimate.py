@@ -59,14 +59,14 @@ def correlation_figure(estimate: Estimate) -> Figure:
             for column in range(row + 1):
                 value = shown[row, column]
                 label = f"{value:.2f}" if np.isfinite(value) else "×"
-                axes.text(column, row, label, ha="center", va="center", fontsize=7.5, color=_ink(value))
+                axes.text(column, row, label, ha="center", va="center", fontsize=7.5, color=_text_colour(value))
         blank = "" if np.isfinite(estimate.correlation).all() else " (×: no information)"
         axes.set_title(f"Correlations of the estimates{blank}", loc="left")
         figure.colorbar(image, ax=axes, label="correlation", shrink=0.8)
     return figure
 
 
-def _ink(correlation: float) -> str:
+def _text_colour(correlation: float) -> str:
     return "white" if abs(correlation) > 0.6 else "black"
 
 

@@ -1,7 +1,6 @@
 """Figures of records against their predictions: over time, against the voltage, and what the residuals consist of."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -12,7 +11,7 @@ from matplotlib.figure import Figure
 from ...core import VELOCITY, Display, with_micro_sign
 from ...inference import repeats
 from ...metrics import CycleSplit, NoiseInTime, ResidualSplit, grid_positions, sample_autocovariance, split_residuals
-from ...study import Estimate, FittedRecord, Study
+from ...study import Estimate, FittedRecord, Record, Study
 from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW, fixed_ticks
 
 
@@ -111,87 +110,64 @@ def _caption(record: FittedRecord) -> str:
     return f"{record.name}\n{record.measures}, {role}, {quality if record.simulated else 'the simulation failed'}"
 
 
-class _Row(NamedTuple):
-    """Curves of one record in an overview."""
-
-    title: str
-    display: Display
-    time: Float[np.ndarray, " n"]
-    measured: Float[np.ndarray, " n"]
-    predicted: Float[np.ndarray, " n"] | None
-    motion: Float[np.ndarray, " n"] | None
-    prescribed: Display
-    """Quantity and unit in which `motion` is shown."""
-
-
 def study_figure(study: Study) -> Figure:
     """Draw every record of a study as it was measured."""
-    rows = [
-        _Row(
-            _titled(r.name, r.measures, r.role),
-            r.measurement.display,
-            r.time,
-            r.measured,
-            None,
-            r.motion,
-            r.measurement.prescribed_display,
-        )
-        for r in study.records
-    ]
-    return _overview(study.title, rows)
+    return _overview(study.title, study.records)
 
 
 def estimate_figure(estimate: Estimate) -> Figure:
     """Draw every record of an estimate against its prediction."""
-    rows = [
-        _Row(_titled(r.name, r.measures, r.role), r.display, r.time, r.measured, r.predicted, r.motion, r.prescribed)
-        for r in estimate.records
-    ]
-    return _overview(estimate.title, rows)
+    return _overview(estimate.title, estimate.records)
 
 
-def _titled(name: str, measures: str, role: str) -> str:
-    return f"{name}: {measures}" + (", not fitted" if role == "validate" else "")
-
-
-def _overview(title: str, rows: Sequence[_Row]) -> Figure:
+def _overview(title: str, records: Sequence[Record | FittedRecord]) -> Figure:
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 0.9 + 1.25 * len(rows)), layout="constrained")
-        grid = figure.subplots(len(rows), 2, squeeze=False)
-        for row, (whole, near) in zip(rows, grid, strict=True):
-            _draw_row(whole, near, row)
+        figure = Figure(figsize=(7.4, 0.9 + 1.25 * len(records)), layout="constrained")
+        grid = figure.subplots(len(records), 2, squeeze=False)
+        for record, (whole, near) in zip(records, grid, strict=True):
+            _draw_row(whole, near, record)
         grid[-1, 0].set_xlabel("time (s)")
-        if any(row.predicted is not None for row in rows):
+        if any(isinstance(record, FittedRecord) for record in records):
             figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
         figure.suptitle(title, x=0.01, ha="left", fontsize=10.0, wrap=True)
         figure.align_ylabels(grid[:, 0])
     return figure
 
 
-def _draw_row(whole: Axes, near: Axes, row: _Row) -> None:
-    _curves(whole, row.time, row, slice(None))
-    whole.set_title(row.title, loc="left")
-    whole.set_ylabel(with_micro_sign(row.display.unit))
-    if row.motion is not None:
-        order = np.argsort(row.motion) if row.prescribed == VELOCITY else np.arange(row.motion.size)
-        _curves(near, row.prescribed.scale * row.motion[order], row, order)
-        near.set_xlabel(f"{row.prescribed.quantity} ({with_micro_sign(row.prescribed.unit)})")
+def _draw_row(whole: Axes, near: Axes, record: Record | FittedRecord) -> None:
+    if isinstance(record, FittedRecord):
+        display, prescribed = record.display, record.prescribed
+    else:
+        display, prescribed = record.measurement.display, record.measurement.prescribed_display
+    _curves(whole, record.time, record, display, slice(None))
+    left_out = ", not fitted" if record.role == "validate" else ""
+    whole.set_title(f"{record.name}: {record.measures}{left_out}", loc="left")
+    whole.set_ylabel(with_micro_sign(display.unit))
+    if record.motion is not None:
+        order = np.argsort(record.motion) if prescribed == VELOCITY else np.arange(record.motion.size)
+        _curves(near, prescribed.scale * record.motion[order], record, display, order)
+        near.set_xlabel(f"{prescribed.quantity} ({with_micro_sign(prescribed.unit)})")
         return
-    moment = liveliest_moment(row.time, row.measured)
-    _curves(near, 1e3 * row.time[moment], row, moment)
+    moment = liveliest_moment(record.time, record.measured)
+    _curves(near, 1e3 * record.time[moment], record, display, moment)
     near.set_xlabel("time (ms)", fontsize=7.5, labelpad=1.0)
     near.tick_params(labelsize=7.5)
-    whole.axvspan(*row.time[moment][[0, -1]], color=YELLOW, alpha=0.5, linewidth=0, zorder=0)
+    whole.axvspan(*record.time[moment][[0, -1]], color=YELLOW, alpha=0.5, linewidth=0, zorder=0)
 
 
-def _curves(axes: Axes, x: Float[np.ndarray, " n"], row: _Row, part: "slice | np.ndarray") -> None:
-    scale = row.display.scale
-    alone = row.predicted is None
-    axes.plot(
-        x, scale * row.measured[part], color=BLUE if alone else GREY, linewidth=1.0 if alone else 2.2, label="measured"
-    )
-    if row.predicted is not None:
-        axes.plot(x, scale * row.predicted[part], color=VERMILION, linewidth=0.9, label="predicted")
+def _curves(
+    axes: Axes,
+    x: Float[np.ndarray, " n"],
+    record: Record | FittedRecord,
+    display: Display,
+    part: "slice | np.ndarray",
+) -> None:
+    measured = display.scale * record.measured[part]
+    if isinstance(record, FittedRecord):
+        axes.plot(x, measured, color=GREY, linewidth=2.2, label="measured")
+        axes.plot(x, display.scale * record.predicted[part], color=VERMILION, linewidth=0.9, label="predicted")
+    else:
+        axes.plot(x, measured, color=BLUE, linewidth=1.0, label="measured")
 
 
 FEWEST_LEVELS = 20

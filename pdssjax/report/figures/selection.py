@@ -19,7 +19,7 @@ MOST_POINTS = 4000
 
 
 def selection_figure(found: Comparison) -> Figure:
-    """By how much each model scores below the best one on held-out samples, with two standard errors."""
+    """How much each model scores below the best one on held-out samples, with two standard errors."""
     shown = [result for result in found.results if result.time is not None]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 1.3 + 0.3 * len(shown)), layout="constrained")

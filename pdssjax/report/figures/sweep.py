@@ -42,12 +42,12 @@ def draw_border(
 ) -> None:
     """Draw the border of the dead zone, where there is one."""
     if has_border(dead):
-        axes.contour(x, y, dead, levels=[0.0], colors=colour, linewidths=_WIDTH).set(path_effects=_edged(colour))
+        axes.contour(x, y, dead, levels=[0.0], colors=colour, linewidths=_WIDTH).set(path_effects=_edge_effects(colour))
 
 
 def border_key(colour: str, says: str) -> Artist:
     """The border's entry in a legend."""
-    return Line2D([], [], color=colour, linewidth=_WIDTH, path_effects=_edged(colour), label=says)
+    return Line2D([], [], color=colour, linewidth=_WIDTH, path_effects=_edge_effects(colour), label=says)
 
 
 def bare_key(says: str) -> Artist:
@@ -61,7 +61,7 @@ def explain(figure: Figure, keys: Sequence[Artist]) -> None:
         figure.legend(handles=list(keys), loc="outside lower center", ncols=len(keys))
 
 
-def _edged(colour: str) -> list[withStroke]:
+def _edge_effects(colour: str) -> list[withStroke]:
     """Edge for white lines, which would not show on a bright map or on paper."""
     return [withStroke(linewidth=_WIDTH + 1.2, foreground="0.2")] if colour == "w" else []
 
@@ -81,9 +81,7 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
     every = [str(name) for name in data.sizes]
     if not every:
         raise InputError("sweep: found a single point, expected an axis to draw its metrics over.")
-    names = drawn_over(data, every)
-    middle = {name: (data.sizes[name] - 1) // 2 for name in every if name not in names}
-    shown = data.isel(middle)
+    names, shown, held = _cut(data, every)
     show = _points if names[0] not in data.coords else _lines if len(names) == 1 else _map
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 5.6), layout="constrained")
@@ -91,13 +89,24 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
             show(axes, shown, name, names)
         if show is _map:
             explain(figure, _keys(shown, names))
-        held = held_fixed(data, middle)
         # A point with a reversal that grazes has its metrics.
         failed = int(np.isin(data.failure.values, (0, GRAZING), invert=True).sum())
         failures = [f"{failed} of {data.failure.size} points failed"] if failed else []
-        title = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *held, *failures])
-        figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, wrap=True)
+        _caption(figure, data, [*held, *failures])
     return figure
+
+
+def _cut(data: "xarray.Dataset", dimensions: Sequence[str]) -> tuple[list[str], "xarray.Dataset", list[str]]:
+    """The axes of a figure over the `dimensions`, the data at the middle of the others, and which that is in words."""
+    names = drawn_over(data, dimensions)
+    middle = {name: (data.sizes[name] - 1) // 2 for name in dimensions if name not in names}
+    return names, data.isel(middle), held_fixed(data, middle)
+
+
+def _caption(figure: Figure, data: "xarray.Dataset", further: Sequence[str]) -> None:
+    """Put the title of a sweep, its record and what is said `further` above all panels."""
+    said = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *further])
+    figure.suptitle(said, x=0.01, ha="left", fontsize=9.5, wrap=True)
 
 
 def drawn_over(data: "xarray.Dataset", dimensions: Sequence[str]) -> list[str]:
@@ -213,9 +222,13 @@ def shown(values: "xarray.DataArray") -> tuple[Float[np.ndarray, "..."], str]:
 
 def _number(value: "xarray.DataArray") -> str:
     if value.name == ALONG:
-        return "forward" if float(value) > 0 else "backward"
+        return _way(float(value))
     unit, scale = display_unit(value.attrs["units"])
     return f"{float(value) * scale:.4g} {'' if unit == '1' else unit}".rstrip()
+
+
+def _way(direction: float) -> str:
+    return "forward" if direction > 0 else "backward"
 
 
 FORWARD, BACKWARD = "#0072B2", "#D55E00"
@@ -235,15 +248,12 @@ def directions_figure(data: "xarray.Dataset") -> Figure:
     or failed is grey.
     """
     others = [str(name) for name in data.sizes if name != "drive_direction"]
-    names = drawn_over(data, others)
-    middle = {name: (data.sizes[name] - 1) // 2 for name in others if name not in names}
-    cut = data.isel(middle)
+    names, cut, held = _cut(data, others)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(9.6, 3.2), layout="constrained")
         axes = figure.subplots(1, 2 if len(names) == 1 else 3)
         (_direction_lines if len(names) == 1 else _direction_maps)(list(axes), cut, names)
-        title = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *held_fixed(data, middle)])
-        figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, wrap=True)
+        _caption(figure, data, held)
     return figure
 
 
@@ -331,16 +341,12 @@ def border_figure(data: "xarray.Dataset") -> Figure:
 
     Further axes are held at their middle, as the title says.  Where there is no border the line has a gap.
     """
-    every = [str(name) for name in data.border.dims]
-    names = drawn_over(data, every)
-    middle = {name: (data.sizes[name] - 1) // 2 for name in every if name not in names}
-    cut = data.isel(middle)
+    names, cut, held = _cut(data, [str(name) for name in data.border.dims])
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(5.2, 3.6), layout="constrained")
         axes = figure.subplots()
         _border_lines(axes, cut, names)
-        told = [data.attrs["title"], f"drive of {data.attrs['record']}", data.attrs["of"], *held_fixed(data, middle)]
-        figure.suptitle(", ".join(told), x=0.01, ha="left", fontsize=9.5, wrap=True)
+        _caption(figure, data, [data.attrs["of"], *held])
     return figure
 
 
@@ -358,7 +364,7 @@ def _border_lines(axes: Axes, data: "xarray.Dataset", names: list[str]) -> None:
         rows = np.unique(np.linspace(0, len(values) - 1, _MOST_LINES).round().astype(int))
         for i, row in enumerate(rows):
             colour = matplotlib.colormaps["viridis"](i / max(len(rows) - 1, 1) * 0.9)
-            label = _named(names[1], float(values[row]))
+            label = _way(float(values[row])) if names[1] == ALONG else f"{values[row]:.4g}"
             axes.plot(places, border[:, row], ".-", color=colour, markersize=4, label=label)
         axes.legend(title=what)
     if in_equal_ratios(places):
@@ -368,10 +374,3 @@ def _border_lines(axes: Axes, data: "xarray.Dataset", names: list[str]) -> None:
         margin = 0.05 * np.ptp(places)
         axes.set_xlim(places.min() - margin, places.max() + margin)
     axes.set_xlabel(place)
-
-
-def _named(dimension: str, value: float) -> str:
-    """Label of a value of the second axis."""
-    if dimension == "drive_direction":
-        return "forward" if value > 0 else "backward"
-    return f"{value:.4g}"

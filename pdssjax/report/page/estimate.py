@@ -188,7 +188,7 @@ _LEAST_SHARE, _DECADES = 1e-4, 4.0
 
 def _parameters(estimate: Estimate) -> Section:
     meanings = _meanings(estimate)
-    rows = [_numbers(parameter, meanings.get(path, "")) for path, parameter in estimate.parameters.items()]
+    rows = [_parameter_row(parameter, meanings.get(path, "")) for path, parameter in estimate.parameters.items()]
     head = ["parameter", "value", "standard error", "unit", "relative error", "95 % interval", "what it is"]
     caption = "Bars are logarithmic, from 0.01 % (empty) to 100 % (full)."
     tables, drawings = [Table(head, rows, "<>><><<", caption)], []
@@ -235,7 +235,7 @@ def _further_errors(estimate: Estimate, free: list[FittedParameter], models: lis
     return Table(head, rows, "<" + ">" * (len(head) - 2) + "<", caption)
 
 
-def _numbers(parameter: FittedParameter, meaning: str) -> list[str | Share]:
+def _parameter_row(parameter: FittedParameter, meaning: str) -> list[str | Share]:
     """The cells of a parameter."""
     cells = parameter_cells(parameter)
     relative = abs(parameter.standard_error / parameter.value) if parameter.value else math.nan
@@ -335,7 +335,7 @@ def _records(estimate: Estimate) -> list[Section]:
     ]
     if len(drawn) < len(estimate.records):
         text = ["Some records have no samples in this folder, as where a fit was broken off, and are not drawn."]
-    drawings = [_illustrated(record) for record in drawn]
+    drawings = [_record_illustration(record) for record in drawn]
     drawings += [
         Illustration(figures.loop_figure(record), f'Displacement against voltage of "{record.name}".')
         for record in drawn
@@ -355,7 +355,7 @@ def _records(estimate: Estimate) -> list[Section]:
     return [shown, Section("Residuals: misfit and noise", figures=split, folded=True)]
 
 
-def _illustrated(record: FittedRecord) -> Illustration:
+def _record_illustration(record: FittedRecord) -> Illustration:
     by = f", {record.excitation}" if record.excitation else ""
     of = "contact" if record.motion is not None else record.measures
     caption = f'"{record.name}": {record.display.quantity} of the {of}{by}.'
@@ -368,25 +368,27 @@ def _more(estimate: Estimate) -> Iterator[Section]:
     if estimate.profiles:
         caption = "Chi-square minimised over all other parameters, beside the parabola of the linear model."
         figure = Illustration(figures.profile_figure(estimate.profiles, estimate.parameters), caption)
-        yield _tabled("Profiles of chi-square", format_profiles(estimate.profiles, estimate.parameters), figure)
+        yield _report_part("Profiles of chi-square", format_profiles(estimate.profiles, estimate.parameters), figure)
     if estimate.draws is not None:
         text = format_draws(estimate.draws, estimate.parameters)
         if estimate.draws.values.size:
             caption = "Draws beside the normal distribution of the linear model, and pairs beside its 95 % ellipse."
-            yield _tabled(estimate.draws.kind.capitalize(), text, Illustration(figures.draws_figure(estimate), caption))
+            yield _report_part(
+                estimate.draws.kind.capitalize(), text, Illustration(figures.draws_figure(estimate), caption)
+            )
         else:
-            yield _tabled(estimate.draws.kind.capitalize(), text)
+            yield _report_part(estimate.draws.kind.capitalize(), text)
     if estimate.multistart is not None:
         caption = "Chi-square where each start ended, sorted, and the parameters at the optima."
         figure = Illustration(figures.multistart_figure(estimate.multistart), caption)
-        yield _tabled("Other starts", format_multistart(estimate.multistart), figure)
+        yield _report_part("Other starts", format_multistart(estimate.multistart), figure)
     if estimate.method != "joint" and estimate.amplification is not None:
         caption = "What an error of 1 % of a parameter that is held does to those fitted after it."
         figure = Illustration(figures.amplification_figure(estimate.amplification), caption)
-        yield _tabled("Amplification of errors", format_amplification(estimate.amplification), figure)
+        yield _report_part("Amplification of errors", format_amplification(estimate.amplification), figure)
 
 
-def _tabled(heading: str, text: str, *drawings: Illustration) -> Section:
+def _report_part(heading: str, text: str, *drawings: Illustration) -> Section:
     """A part of the plain report without its heading."""
     lines = textwrap.dedent(text.partition("\n")[2]).strip("\n").splitlines()
     return Section(heading, lines=lines, figures=drawings)

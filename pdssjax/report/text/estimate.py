@@ -280,11 +280,11 @@ def format_draws(draws: Draws, parameters: Mapping[str, FittedParameter]) -> str
     lines = f"    {drawn}, seed {draws.seed}; {draws.failed} {draws.failure}\n    drawn: {draws.description}\n"
     head = ["", "unit", "mean", "+/-", "", "95 % of the draws"]
     head += ["R-hat", "effective"] if draws.kind == "posterior" else ["mirrored", "linear +/-"]
-    rows = [head, *(_drawn(draw, parameters[draw.path], draws.kind == "posterior") for draw in draws.parameters)]
+    rows = [head, *(_draws_row(draw, parameters[draw.path], draws.kind == "posterior") for draw in draws.parameters)]
     return heading(draws.kind.capitalize()) + lines + aligned_table("<<>>>>>>", rows)
 
 
-def _drawn(drawn: ParameterDraws, parameter: FittedParameter, posterior: bool) -> list[str]:
+def _draws_row(drawn: ParameterDraws, parameter: FittedParameter, posterior: bool) -> list[str]:
     unit, factor = display_unit(parameter.unit)
     places = decimals_for(drawn.deviation * factor)
     interval = lambda ends: " .. ".join(rounded(end * factor, places) for end in ends)
@@ -351,7 +351,7 @@ def format_comparison(joint: Estimate, *others: Estimate) -> str:
     """
     estimates = [joint, *others]
     head = ["", "", "unit", "value", "+/- naive", "+/- corrected", "shift/sigma"]
-    rows = [row for path in joint.names for row in _ways(path, estimates)]
+    rows = [row for path in joint.names for row in _method_rows(path, estimates)]
     legend = f"{_NAIVE}    shift/sigma: distance from the joint fit's value, in corrected standard errors.\n"
     *ways, last = [estimate.method for estimate in estimates]
     title = heading(f"{', '.join(ways)} and {last} side by side".capitalize())
@@ -359,7 +359,7 @@ def format_comparison(joint: Estimate, *others: Estimate) -> str:
     return title + aligned_table("<<<>>>>", [head, *rows]) + legend + "".join(effects)
 
 
-def _ways(path: str, estimates: Sequence[Estimate]) -> list[list[str]]:
+def _method_rows(path: str, estimates: Sequence[Estimate]) -> list[list[str]]:
     """The rows of a parameter, that of the joint fit first."""
     joint, rows = estimates[0].parameters[path], []
     unit, factor = display_unit(joint.unit)

@@ -47,7 +47,7 @@ CONTRIBUTES = (
 
 
 def record_row(planned: PlannedRecord) -> list[str]:
-    """One record of the table."""
+    """The row of a record in the table of a plan."""
     schedule, display = planned.schedule, planned.experiment.measurement.display
     windows = f"{schedule.windows} of {schedule.samples}" if schedule.windows > 1 else "1"
     coloured = f", {1e3 * planned.noise.correlation_time:.3g} ms" if planned.noise.correlation_time else ""

@@ -47,8 +47,8 @@ def selection_sentences(found: Comparison) -> SelectionSentences:
         HEAD,
         list(map(_row, found.results)),
         _caption(found),
-        _lacks(found),
-        _would_tell(found),
+        _misfit_places(found),
+        _discriminating_record(found),
         _noise_lines(found),
         [f"{result.name}: {result.fitted.failure}" for result in found.results if result.fitted.failure],
     )
@@ -76,10 +76,10 @@ def _answer(found: Comparison) -> list[str]:
             f"{_more(len(best.fitted.free) - len(chosen.fitted.free))}."
         )
     if found.ambiguous:
-        lines.append(f"These records do not tell it from {_listed(found.ambiguous)}.")
+        lines.append(f"These records do not tell it from {_enumerated(found.ambiguous)}.")
     worse = [result.name for result in found.results if result.is_worse]
     if worse:
-        lines.append(f"Significantly worse: {_listed(worse)}.")
+        lines.append(f"Significantly worse: {_enumerated(worse)}.")
     if not chosen.fitted.explained:
         lines.append("It leaves more than noise, so another model or another optimum may do better than all of these.")
     if not chosen.fitted.converged:
@@ -110,8 +110,8 @@ def _caption(found: Comparison) -> str:
     )
 
 
-def _lacks(found: Comparison) -> list[str]:
-    """For each model that is worse, where its residuals exceed those of the best one."""
+def _misfit_places(found: Comparison) -> list[str]:
+    """Where the residuals of each worse model exceed those of the best one."""
     records = {record.name: record for record in found.records}
     return [
         f"{result.name}: {_misfit(result.misfit, found.best, records[result.misfit.record])}"
@@ -135,13 +135,13 @@ def _misfit(misfit: Misfit, best: str, record: Record) -> str:
     )
 
 
-def _would_tell(found: Comparison) -> str:
+def _discriminating_record(found: Comparison) -> str:
     """Which record would tell models apart that these records do not; "" where there is nothing to tell."""
     if not found.ambiguous:
         return ""
     if found.telling is None:
         return "No record like these, at other voltages or frequencies, shows a difference between the fitted models."
-    sentence = f"To tell {_listed(found.telling.models)} apart, measure {_telling(found.telling)}."
+    sentence = f"To tell {_enumerated(found.telling.models)} apart, measure {_telling(found.telling)}."
     chosen, other = (found[name].fitted.model for name in found.telling.models)
     if all(chosen[key] == other[key] for key in chosen if key not in ("friction", "friction_state")):
         sentence += f" pdssjax design STUDY --against {other['friction']} plans such records within limits and costs."
@@ -192,6 +192,6 @@ def _more(parameters: int) -> str:
     return counted(parameters, "more parameter") if parameters > 0 else "another model"
 
 
-def _listed(names: tuple[str, ...] | list[str]) -> str:
+def _enumerated(names: tuple[str, ...] | list[str]) -> str:
     *others, last = names
     return f"{', '.join(others)} and {last}" if others else last

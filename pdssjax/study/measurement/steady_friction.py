@@ -30,18 +30,18 @@ class _SteadySliding(AbstractSetup):
     output: Output = eqx.field(static=True, default=FRICTION_FORCE)
 
     def system(self, models: Models, values: Values, run: Run) -> AbstractHybridSystem:
-        begins, velocities = self._held(run)
+        begins, velocities = self._velocity_steps(run)
         path = jnp.where(velocities < 0.0, -_FAR, _FAR)
         return PrescribedMotion(models.contact(values), begins, jnp.append(0.0, jnp.cumsum(path)))
 
     def times(self, run: Run) -> Float[Array, " samples"]:
-        begins, _ = self._held(run)
+        begins, _ = self._velocity_steps(run)
         return 0.5 * (begins[1:] + begins[:-1])
 
     def goes_on_moving(self, models: Models) -> bool:
         return False
 
-    def _held(self, run: Run) -> tuple[Float[Array, " samples+1"], Float[Array, " samples"]]:
+    def _velocity_steps(self, run: Run) -> tuple[Float[Array, " samples+1"], Float[Array, " samples"]]:
         """When each velocity sets in and the last one ends [s], and the velocities [m/s]."""
         if run.motion is None:
             raise ValueError("Expected prescribed velocities, but the run has none.")
