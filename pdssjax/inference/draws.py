@@ -9,7 +9,7 @@ from typing import Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..core import MOST_DRAWN, MOST_SEED, Document, InputError, check_whole, prepare_jax, require_float64
+from ..core import MOST_DRAWN, MOST_SEED, Document, InputError, check_whole, use_float64
 
 Resampled: TypeAlias = Literal["noise", "cycles"]
 """Resampling of a bootstrap: white noise of the size found, or whole cycles of the residuals."""
@@ -112,7 +112,7 @@ def each_done(
         for task in tasks:
             yield task, work(task)
         return
-    futures: dict[Future[Result], Task] = {executor.submit(_prepared, work, task): task for task in tasks}
+    futures: dict[Future[Result], Task] = {executor.submit(_in_float64, work, task): task for task in tasks}
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()
@@ -121,12 +121,8 @@ def each_done(
             future.cancel()
 
 
-def _prepared(work: Callable[[Task], Result], task: Task) -> Result:
-    """`work` also in another process of an executor, which begins with JAX in single precision."""
-    try:
-        require_float64("draws")
-    except ValueError:
-        prepare_jax()
+def _in_float64(work: Callable[[Task], Result], task: Task) -> Result:
+    use_float64()
     return work(task)
 
 

@@ -92,7 +92,7 @@ class RecordNoise(NamedTuple):
     told: bool
     """The study tells it, and residuals exceed it by no more than chance."""
     correlation_time: float
-    """[s]; 0 of white noise."""
+    """Time by which neighbouring samples are alike [s]; 0 of white noise."""
     independent: float
     """Samples that count as independent."""
 
@@ -116,8 +116,8 @@ class Misfit(NamedTuple):
     """The same of the model that predicts best."""
 
 
-class TellingRecord(NamedTuple):
-    """The record, among those tried, in which the predictions of two fitted models differ most."""
+class DiscriminatingRecord(NamedTuple):
+    """The record, among those that could be made, in which the predictions of two fitted models differ most."""
 
     models: tuple[str, str]
     template: str
@@ -196,7 +196,7 @@ class Comparison:
     """Whole records that were held out in turn, or that no fit saw."""
     records: tuple[Record, ...]
     """The records of the study."""
-    telling: TellingRecord | None = None
+    telling: DiscriminatingRecord | None = None
     """What would tell the chosen model from another one of its group; None where nothing is to be told, or no record
     can be made up."""
     seconds: float = 0.0

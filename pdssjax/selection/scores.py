@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float
 
 from ..metrics import NoiseInTime, StationaryNoise, grid_positions, outliers, split_residuals
 from ..study import Record, cycles_a_second
-from .comparison import Difference
+from .comparison import Difference, RecordNoise
 from .held_out import Part
 
 MIN_SCORE_DIFFERENCE = 3.0
@@ -50,15 +50,8 @@ EXCESS_SIGMAS = 4.0
 class CommonNoise(NamedTuple):
     """The noise of one record, the same for every model."""
 
-    deviation: float
-    """Standard deviation, in the record's unit."""
-    is_told: bool
-    """The study tells it, and residuals exceed it by no more than chance."""
-    correlation_time: float
-    """Time [s] by which neighbouring samples are alike: half the width of their correlation squared, summed."""
-    independent: float
-    """How many samples count as independent."""
-    noise: StationaryNoise | NoiseInTime
+    size: RecordNoise
+    process: StationaryNoise | NoiseInTime
     used: Bool[np.ndarray, " samples"]
     """Which samples are compared: those that do not stand out of the best fit's residuals."""
 
@@ -84,7 +77,7 @@ def common_noise(record: Record, predicted: Float[np.ndarray, " samples"], freed
         found = found._replace(innovation=found.innovation * wanted / variance)
     interval = float(np.median(np.diff(record.time)))
     correlated, independent = interval * (0.5 / share - 0.5), share * float(np.sum(used))
-    return CommonNoise(float(np.sqrt(wanted)), is_told, correlated, independent, found, used)
+    return CommonNoise(RecordNoise(float(np.sqrt(wanted)), is_told, correlated, independent), found, used)
 
 
 def _variance(noise: StationaryNoise | NoiseInTime) -> float:
@@ -117,7 +110,7 @@ def whitener(record: Record, noise: CommonNoise, rows: Bool[np.ndarray, " sample
     pieces, volume = [], 0.0
     for run in np.split(compared, cuts):
         for piece in np.array_split(run, -(-run.size // WHITENING_BLOCK)) if run.size else ():
-            root = np.linalg.cholesky(_covariance(record, noise.noise, places[piece]))
+            root = np.linalg.cholesky(_covariance(record, noise.process, places[piece]))
             pieces.append((piece, np.linalg.inv(root)))
             volume += 2.0 * float(np.sum(np.log(np.diag(root)))) + piece.size * np.log(2.0 * np.pi)
     return Whitener(tuple(pieces), volume)
@@ -302,6 +295,6 @@ def fitness(
         w = white(residual)
         squares, samples = squares + float(w @ w), samples + w.size
         deviance += float(w @ w) + white.log_volume
-        independent += noise.independent
+        independent += noise.size.independent
     explains = squares <= samples + EXCESS_SIGMAS * np.sqrt(2.0 * max(samples, 1))
     return Fitness(free, deviance, deviance + free * float(np.log(max(independent, 1.0))), bool(explains))
