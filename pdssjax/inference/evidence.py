@@ -32,7 +32,7 @@ from jaxtyping import Bool, Float
 from ..metrics import outliers, unevenness
 from ..study import Statistics, Study, cycles_a_second, repeated_residuals
 from .beyond_noise import EXCESS, SIGNIFICANT, highest_by_chance, is_unresolved
-from .covariance import NO_INFORMATION, least_squares_covariance
+from .covariance import NO_INFORMATION, least_squares_covariance, scaled_least_squares
 from .diagnosis import contradicting, records_agreement
 from .least_squares import Fit, by_record, evaluated, quiet
 from .problem import Problem
@@ -342,6 +342,4 @@ def _step(
     columns: Float[np.ndarray, "n q"], residual: Float[np.ndarray, " n"], used: Bool[np.ndarray, " n"]
 ) -> Float[np.ndarray, " q"]:
     """The step that leaves the least of the `residual`, by the rows that are `used`."""
-    size = np.linalg.norm(columns, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    return -np.linalg.lstsq((columns / size)[used], residual[used], rcond=NO_INFORMATION)[0] / size
+    return -scaled_least_squares(columns[used], residual[used], NO_INFORMATION)

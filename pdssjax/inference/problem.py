@@ -22,7 +22,7 @@ from .determinable_ranges import determinable_ranges, within_determinable
 from .effort import USUAL, Effort
 from .initial_values.search import initial_guess
 from .losses.base import AbstractLoss
-from .parameter_transform import transform_of
+from .parameter_transform import Box, transform_of
 from .residual import Evaluator, Residual, measured_apart
 from .solver.iterations import Linearised, OfFunction, Point
 from .solver.minimisers import Minimiser
@@ -82,7 +82,7 @@ class Problem:
         return slice(samples, samples + len(self.residual.comparison.apart))
 
     @property
-    def bounds(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+    def bounds(self) -> Box:
         """Lower and upper, on the fit's scale."""
         return self.residual.transform.low, self.residual.transform.high
 
@@ -149,15 +149,15 @@ class Problem:
         return self.evaluations(self._weights()).lowered(free)
 
     @property
-    def linearisation(self) -> "Linearisation":
+    def linearisation(self) -> "LinearisedResidual":
         """`linearised` as data and what is compiled, for what is compiled with it."""
-        return Linearisation(self.residual, self._weights())
+        return LinearisedResidual(self.residual, self._weights())
 
     def _weights(self) -> Float[Array | np.ndarray, " records"]:
         return 1.0 / self.noise
 
 
-class Linearisation(eqx.Module):
+class LinearisedResidual(eqx.Module):
     """Whitened residuals and their Jacobian as a function of the p free numbers, for what is compiled with it."""
 
     residual: Residual

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..study import split_path
-from .problem import Linearisation, Problem
+from .problem import LinearisedResidual, Problem
 from .solver.box_least_squares import solve_in_box, triangle
 
 FEWEST_LINEAR = 2
@@ -103,7 +103,9 @@ def project(
     """
     linear, searched = linear & fitted, fitted & ~linear
     logarithmic = problem.residual.transform.logarithmic
-    task = _Task(Linearisation(problem.residual, weights), linear, searched, searched & logarithmic, *problem.bounds)
+    task = _Task(
+        LinearisedResidual(problem.residual, weights), linear, searched, searched & logarithmic, *problem.bounds
+    )
     here = _solved(task, np.clip(free, task.low, task.high))
     count = 1
     if searched.any() and np.isfinite(here.chi2):
@@ -117,7 +119,7 @@ def project(
 
 
 class _Task(NamedTuple):
-    at: Linearisation
+    at: LinearisedResidual
     linear: Bool[np.ndarray, " p"]
     searched: Bool[np.ndarray, " p"]
     positive: Bool[np.ndarray, " p"]

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...study import Parameter, Study, Values
+from ..covariance import scaled_least_squares
 from ..effort import USUAL, Effort
 from ..evidence import Evidence
 from ..initial_values.search import rank_starts, scatter_starts
@@ -342,7 +343,5 @@ def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
 def _gain_beyond_bounds(fit: Fit, problem: Problem) -> float:
     """Decrease of chi-square, in units of its reduced value, that the linear model predicts without bounds."""
     jacobian, residual = np.asarray(fit.state.jacobian), np.asarray(fit.state.residual)
-    size = np.linalg.norm(jacobian, axis=0)
-    jacobian = jacobian / np.where(size > 0, size, 1.0)
-    step = np.linalg.lstsq(jacobian, residual, rcond=1e-9)[0]
+    step = scaled_least_squares(jacobian, residual, 1e-9)
     return float(np.sum((jacobian @ step) ** 2) / max(Evidence(problem, fit).reduced_chi2, 1e-300))

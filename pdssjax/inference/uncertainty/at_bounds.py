@@ -19,6 +19,7 @@ import numpy as np
 from jax.scipy.special import log_ndtr, ndtri
 from jaxtyping import Array, Float, Int
 
+from ..parameter_transform import Box
 from .second_order import Linearisation
 
 _AT = 1e-3
@@ -75,7 +76,7 @@ def at_bounds(
     optimum: Linearisation,
     axes: Float[np.ndarray, "p q"],
     moving: Int[np.ndarray, " q"],
-    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+    bounds: Box,
     factor: float,
     prior_slopes: Float[np.ndarray, " p"],
 ) -> AtBounds:

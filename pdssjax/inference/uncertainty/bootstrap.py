@@ -64,7 +64,7 @@ def bootstrap(
     centre = _Centre(np.asarray(fit.free, float), np.asarray(fit.state.residual), factors)
     work = functools.partial(fitted_replicate, problem, centre, run, drawing.resampled, drawing.seed)
     for _, replicate in each_done(work, missing, executor):
-        drawing.store.keep(_document(replicate))
+        drawing.store.keep(replicate._asdict() | {"free": replicate.free.tolist()})
         found[replicate.number] = replicate
         report(f"bootstrap: {len(found)} of {count} replicates")
     return [found[number] for number in range(count)]
@@ -153,15 +153,6 @@ def cycles_redrawn(
     deviations = (cycles - mean) * np.sqrt(whole / (whole - 1.0))
     drawn = deviations[random.integers(whole, size=len(every))]
     return (mean + drawn).ravel()[places]
-
-
-def _document(replicate: Replicate) -> Document:
-    return {
-        "number": replicate.number,
-        "free": replicate.free.tolist(),
-        "success": replicate.success,
-        "message": replicate.message,
-    }
 
 
 def _from_document(entry: Document, size: int) -> Replicate:

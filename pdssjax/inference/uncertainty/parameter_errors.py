@@ -17,9 +17,9 @@ from jaxtyping import Bool, Float
 from ...core import member, members
 from ...study import ErrorAdvice, Estimate, FittedParameter, ParameterError, cycles_a_second
 from ..beyond_noise import leaves_unresolved
-from ..covariance import Covariance, least_squares_covariance
+from ..covariance import Covariance, least_squares_covariance, set_unknown
 from ..evidence import Evidence
-from ..least_squares import Fit, Method, Progress, evaluated
+from ..least_squares import Fit, Method, Progress, evaluated, quiet
 from ..losses.base import AbstractLoss
 from ..notes.about_records import listed
 from ..parameter_transform import ParameterTransform
@@ -28,12 +28,7 @@ from ..stack_first.peak_picking import PATHS, PickedStack
 from ..stack_parameters import platform_alone_records, stack_parameters, stack_residuals
 from .error_models.base import AbstractErrorModel, RecordErrors, total_of
 from .influence import curvature_of, influence_of, principal_directions
-from .linear_intervals import (
-    effective_freedom,
-    linear_intervals,
-    record_factors,
-    row_factors,
-)
+from .linear_intervals import effective_freedom, linear_intervals, record_factors, row_factors
 from .two_steps import TwoSteps
 
 EVIDENT = 10.0
@@ -235,8 +230,7 @@ def _covariances(
     for model in models:
         shares = model.shares(records)
         matrix = total_of(shares) + apart.T @ apart
-        matrix[unknown] = np.nan
-        matrix[:, unknown] = np.nan
+        set_unknown(matrix, unknown)
         variances = [np.diag(share.covariance) for share in shares]
         freedom, pooled = [share.freedom for share in shares], [share.pooled for share in shares]
         known_from = effective_freedom(np.diag(matrix), variances, freedom, pooled)
@@ -285,7 +279,7 @@ def _curvatures(point: FittedPoint, report: Progress) -> list[Float[np.ndarray, 
         directions[point.fitted] = spread
 
     def jacobian_at(free: Float[np.ndarray, " p"]) -> Float[np.ndarray, "n p"]:
-        return np.asarray(evaluated(point.problem, free, lambda message: None).state.jacobian)
+        return np.asarray(evaluated(point.problem, free, quiet).state.jacobian)
 
     rows, bounds = point.problem.rows, point.problem.bounds
     return curvature_of(jacobian_at, point.fit.free, point.residual, point.jacobian, directions, rows, bounds)
@@ -398,8 +392,7 @@ def _covariance(
     effect: Float[np.ndarray, "n p"], factors: Float[np.ndarray, " n"], unknown: Bool[np.ndarray, " p"]
 ) -> Float[np.ndarray, "p p"]:
     matrix = effect.T @ (factors[:, None] * effect)
-    matrix[unknown] = np.nan
-    matrix[:, unknown] = np.nan
+    set_unknown(matrix, unknown)
     return matrix
 
 
