@@ -85,9 +85,9 @@ def prior_information(study: Study, knowledge: Knowledge, paths: tuple[str, ...]
         information[np.ix_(places, places)] = inverse / np.outer(size, size)
         return information
     for place, path in enumerate(paths):
-        told = study.parameters[path].measured_apart
-        if told is not None:
-            information[place, place] = (slope[path] / told[1]) ** 2
+        prior = study.parameters[path].measured_apart
+        if prior is not None:
+            information[place, place] = (slope[path] / prior[1]) ** 2
     return information
 
 

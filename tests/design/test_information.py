@@ -33,10 +33,6 @@ def test_whitening_by_neighbours_is_that_of_the_cholesky_factor(noise):
     assert np.allclose(whitened(COLUMNS, TIMES, noise), solve_triangular(factor, COLUMNS, lower=True))
 
 
-def test_neighbours_far_apart_are_independent():
-    assert np.allclose(whitened(COLUMNS, TIMES, Noise(0.7, 1e-9)), COLUMNS / 0.7)
-
-
 @pytest.mark.parametrize("noise", [WHITE, COLOURED])
 def test_the_covariance_times_columns_is_that_of_the_dense_matrix(noise):
     assert np.allclose(noise.covariance_product(COLUMNS, TIMES), dense(noise) @ COLUMNS)
