@@ -216,8 +216,8 @@ class Comparison:
         raise KeyError(name)
 
     def __repr__(self) -> str:
-        told = f"{self.chosen!r} of {len(self.results)} models" if self.chosen else "no model has a fit"
-        return f"Comparison({self.title!r}, {told})"
+        chosen = f"{self.chosen!r} of {len(self.results)} models" if self.chosen else "no model has a fit"
+        return f"Comparison({self.title!r}, {chosen})"
 
     def _repr_html_(self) -> str:
         return presenter().as_html(self)

@@ -66,9 +66,9 @@ def common_noise(record: Record, predicted: Float[np.ndarray, " samples"], freed
     share = min(max(found.independent(record.time), 1.0 / record.time.size), 1.0)
     variance = _variance(found)
     by_chance = 1.0 + EXCESS_SIGMAS * float(np.sqrt(2.0 / (share * record.time.size)))
-    told = 0.0 if record.noise is None else record.noise**2
-    is_told = told > 0.0 and variance <= by_chance * told
-    wanted = told if is_told else variance or 1.0
+    given = 0.0 if record.noise is None else record.noise**2
+    is_given = given > 0.0 and variance <= by_chance * given
+    wanted = given if is_given else variance or 1.0
     if variance == 0.0:
         found = StationaryNoise(np.zeros(0), wanted)
     elif isinstance(found, NoiseInTime):
@@ -77,7 +77,7 @@ def common_noise(record: Record, predicted: Float[np.ndarray, " samples"], freed
         found = found._replace(innovation=found.innovation * wanted / variance)
     interval = float(np.median(np.diff(record.time)))
     correlated, independent = interval * (0.5 / share - 0.5), share * float(np.sum(used))
-    return CommonNoise(RecordNoise(float(np.sqrt(wanted)), is_told, correlated, independent), found, used)
+    return CommonNoise(RecordNoise(float(np.sqrt(wanted)), is_given, correlated, independent), found, used)
 
 
 def _variance(noise: StationaryNoise | NoiseInTime) -> float:
