@@ -1,4 +1,4 @@
-"""Identifies the parameters of a study: jointly, or the piezo first as the thesis did."""
+"""Identification of the parameters of a study: jointly, or the piezo first as the thesis did."""
 
 import dataclasses
 import functools
@@ -45,7 +45,6 @@ from .uncertainty.profile_intervals import with_profile_intervals
 
 Intervals: TypeAlias = Literal["linear", "profile", "bootstrap", "posterior"]
 """Intervals by the covariance, by profile likelihood, by a bootstrap, or by draws of the posterior."""
-
 
 DRAWN = ("bootstrap", "posterior")
 """Kinds of intervals that are drawn."""
@@ -119,15 +118,17 @@ def identify(
     require_float64("identify")
     begun = time.perf_counter()
     _check_arguments(study, drawing, executor, accuracy, starts)
-    _check_way(study, method, intervals, executor)
-    fineness, report = _fineness(study, accuracy, solver), progress or told_in_notebook() or quiet
-    referee = check_accuracy(check_with, fineness)
+    check_method(study, method)
+    check_intervals(intervals, method, executor)
+    warn_of_reversed_signs([record for record in study.records if record.role == "fit"])
+    integrator, report = _integrator(study, accuracy, solver), progress or told_in_notebook() or quiet
+    referee = check_accuracy(check_with, integrator)
     stack = pick_peaks(study) if method == "peaks" else None
     fitted = with_stack_held(study, stack.values) if stack else study
-    excused = functools.partial(due_to_stack, study, stack, fineness) if stack else None
-    settings = drawing or Drawing(), starts, executor, fineness, minimiser, referee
-    run, how = _way(method, minimiser), _loss(loss, method, intervals)
-    request = _Request(fitted, method, run, how, intervals, *settings, report, excused, effort_of(effort))
+    excused = functools.partial(due_to_stack, study, stack, integrator) if stack else None
+    settings = drawing or Drawing(), starts, executor, integrator, minimiser, referee
+    run, loss_function = _fit_method(method, minimiser), _loss(loss, method, intervals)
+    request = _Request(fitted, method, run, loss_function, intervals, *settings, report, excused, effort_of(effort))
     return _estimated(study, request, stack, begun)
 
 
@@ -155,7 +156,7 @@ class _Request(NamedTuple):
 
 
 def _estimated(study: Study, request: _Request, stack: PickedStack | None, begun: float) -> Estimate:
-    """The estimate that is asked for; **raises** `FitInterrupted` with the best so far where it is broken off."""
+    """The estimate of a request; **raises** `FitInterrupted` with the best so far where it is broken off."""
     best, done, estimate = BestPoint(), None, None
     try:
         found = _found(request, best)
@@ -179,13 +180,11 @@ def _found(request: _Request, best: BestPoint) -> FitAndStarts:
     """The fit, its problem and its starts: found anew, or those around which draws go on."""
     study, report, accuracy, store = request.study, request.report, request.accuracy, request.drawing.store
     effort = request.effort
-    what = run_settings(
+    drawn = request.intervals in DRAWN
+    settings = run_settings(
         study, request.method, request.intervals, request.drawing, request.starts, accuracy, effort.name
     )
-    earlier = (
-        restored_fit(request.drawing, what, study, accuracy, report, effort) if request.intervals in DRAWN else None
-    )
-    if earlier is not None:
+    if drawn and (earlier := restored_fit(request.drawing, settings, study, accuracy, report, effort)) is not None:
         return earlier
     report("finding starts")
     run = best.watched(request.run)
@@ -200,8 +199,8 @@ def _found(request: _Request, best: BestPoint) -> FitAndStarts:
             fit, problem = with_noise(fit, problem, request.run, report)
         evidence = Evidence(problem, fit, study)
     found = FitAndStarts(evidence, starts, table)
-    if request.intervals in DRAWN:
-        store.begin(fit_document(what, found))
+    if drawn:
+        store.begin(fit_document(settings, found))
     return found
 
 
@@ -218,21 +217,14 @@ def _with_intervals(estimate: Estimate, found: FitAndStarts, request: _Request) 
     if intervals not in DRAWN:
         return estimate
     # Evaluated anew, so that a run that goes on begins with the same numbers to the last bit.
-    fit, how = evaluated(problem, fit.free, quiet), (request.drawing, request.executor, request.report)
+    fit, settings = evaluated(problem, fit.free, quiet), (request.drawing, request.executor, request.report)
     if intervals == "posterior":
-        return with_posterior(estimate, problem, fit, *how)
-    return with_bootstrap(estimate, problem, fit, request.run, *how)
+        return with_posterior(estimate, problem, fit, *settings)
+    return with_bootstrap(estimate, problem, fit, request.run, *settings)
 
 
-def _check_way(study: Study, method: str, intervals: Intervals, executor: Executor | None) -> None:
-    """**Raises** `InputError` where a `study` cannot be fitted so; warns where a record moves against its drive."""
-    check_method(study, method)
-    check_intervals(intervals, method, executor)  # pyright: ignore[reportArgumentType]
-    warn_of_reversed_signs([record for record in study.records if record.role == "fit"])
-
-
-def _way(method: Method, minimiser: Minimiser | None) -> FitMethod:
-    """How to fit by a `method`, with `minimiser` if there is one."""
+def _fit_method(method: Method, minimiser: Minimiser | None) -> FitMethod:
+    """The function that fits by a `method`, with `minimiser` if there is one."""
     usual: FitMethod = sequential if method == "sequential" else joint
     if minimiser is None:
         return usual
@@ -244,8 +236,8 @@ def _way(method: Method, minimiser: Minimiser | None) -> FitMethod:
     return run
 
 
-def _fineness(study: Study, accuracy: Accuracy | None, solver: Given) -> Accuracy:
-    """How to integrate: as asked for, else as the study says."""
+def _integrator(study: Study, accuracy: Accuracy | None, solver: Given) -> Accuracy:
+    """The accuracy or the solver that is given, else the study's accuracy."""
     if accuracy is not None and solver is not None:
         raise InputError("solver: found one beside an accuracy, expected one of both: Accuracy(method=...) says both.")
     if accuracy is not None:
@@ -312,7 +304,7 @@ _METHODS: dict[str, tuple[str, ...]] = {
 
 
 def _check_arguments(study: object, drawing: object, executor: Executor | None, accuracy: object, starts: int) -> None:
-    """**Raises** `InputError` where one is nothing of its kind."""
+    """**Raises** `InputError` for an argument that is not of its kind."""
     check_kind("study", study, Study, "load_study")
     check_starts(starts)
     for name, given, kind in (

@@ -61,7 +61,7 @@ def with_check(estimate: Estimate, fit: Fit, second: Problem, method: Method, re
 
 def _fitted_again(problem: Problem, free: Float[np.ndarray, " p"], method: Method, report: Progress) -> Fit:
     """The fit from the point `free`; a joint one without its first phase, which would lead away from there."""
-    tell: Progress = lambda told: report(f"check: {told}")
+    tell: Progress = lambda line: report(f"check: {line}")
     if method == "sequential":
         return sequential(problem, problem.decode(free), tell)
     return fit_phase(problem, free, np.ones(len(problem.records), bool), np.ones(free.size, bool), "all", tell)

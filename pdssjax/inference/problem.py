@@ -23,7 +23,7 @@ from .effort import USUAL, Effort
 from .initial_values.search import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import Box, transform_of
-from .residual import Evaluator, Residual, measured_apart
+from .residual import Evaluator, Residual, prior_measurements
 from .solver.iterations import Linearised, OfFunction, Point
 from .solver.minimisers import Minimiser
 
@@ -77,9 +77,9 @@ class Problem:
 
     @property
     def rows_apart(self) -> slice:
-        """Where what was measured apart stands among them, in the order of `residual.apart`: behind the samples."""
+        """Where what was measured apart stands among the residuals, by `residual.priors`: behind the samples."""
         samples = sum(record.time.size for record in self.records)
-        return slice(samples, samples + len(self.residual.comparison.apart))
+        return slice(samples, samples + len(self.residual.comparison.priors))
 
     @property
     def bounds(self) -> Box:
@@ -231,7 +231,9 @@ def pose(
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
     parameters = within_determinable(_with_lengths(study), determinable_ranges(study))
     transform = transform_of(parameters, starts, study.constraints, str(study.path or study.title))
-    residual = Residual.of(study.models, records, transform, fixed, accuracy, loss, measured_apart(study.parameters))
+    residual = Residual.of(
+        study.models, records, transform, fixed, accuracy, loss, prior_measurements(study.parameters)
+    )
     samples = lambda residual: (residual.comparison.measured, residual.comparison.used)
     residual = eqx.tree_at(samples, residual, on_device(samples(residual)))
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])

@@ -229,7 +229,7 @@ def _by_quasi_newton(task: _Task, here: _Point) -> tuple[_Point, int]:
         better = there.chi2 < here.chi2
         if np.isfinite(there.chi2):
             moved, slope_there = (there.free - here.free)[inside] * scale, slope(there)
-            curvature = _learnt(curvature, moved, slope_there - gradient)
+            curvature = _updated_curvature(curvature, moved, slope_there - gradient)
             if predicted < _ROUNDING * here.chi2:
                 # Sums of squares no longer tell, but slopes do.
                 better = bool(np.linalg.norm(slope_there) < np.linalg.norm(gradient))
@@ -241,7 +241,7 @@ def _by_quasi_newton(task: _Task, here: _Point) -> tuple[_Point, int]:
     return here, count
 
 
-def _learnt(
+def _updated_curvature(
     curvature: Float[np.ndarray, "s s"], moved: Float[np.ndarray, " s"], changed: Float[np.ndarray, " s"]
 ) -> Float[np.ndarray, "s s"]:
     """The curvature after a step, by the BFGS formula damped after M. J. D. Powell, 1978: it stays positive."""
@@ -249,8 +249,8 @@ def _learnt(
     expected = float(moved @ bent)
     if expected <= 0.0:
         return curvature
-    seen = float(moved @ changed)
-    share = 1.0 if seen >= 0.2 * expected else 0.8 * expected / (expected - seen)
+    change = float(moved @ changed)
+    share = 1.0 if change >= 0.2 * expected else 0.8 * expected / (expected - change)
     mixed = share * changed + (1.0 - share) * bent
     return curvature - np.outer(bent, bent) / expected + np.outer(mixed, mixed) / float(moved @ mixed)
 

@@ -51,7 +51,8 @@ def test_a_column_of_zeros_is_reported_and_leaves_the_others_alone():
     np.testing.assert_allclose(
         found.matrix[np.ix_(kept, kept)], least_squares_covariance(DESIGN, NONE_HELD).matrix, rtol=1e-10
     )
-    assert np.isnan(found.matrix[2]).all()
+    assert np.isnan(found.matrix[2]).all() and np.isnan(correlation(found.matrix)[2]).all()
+    np.testing.assert_allclose(np.diag(correlation(found.matrix))[kept], 1.0)
 
 
 def test_a_common_factor_is_reported_with_equal_shares_and_leaves_the_others_alone():
@@ -80,14 +81,6 @@ def test_nothing_informed_is_no_error():
     assert not found.identifiable.any()
     assert len(found.null) == 2
     assert np.isnan(found.matrix).all()
-
-
-def test_correlations_are_one_with_oneself_and_stay_unknown_where_unknown():
-    matrix = least_squares_covariance(np.insert(DESIGN, 2, 0.0, axis=1), np.zeros(5, bool)).matrix
-    found = correlation(matrix)
-    np.testing.assert_allclose(np.diag(found)[[0, 1, 3, 4]], 1.0)
-    assert np.isnan(found[2]).all()
-    assert np.nanmax(np.abs(found)) <= 1.0 + 1e-12
 
 
 def test_what_is_held_moves_what_is_fitted_as_a_refit_says():

@@ -18,7 +18,7 @@ from pdssjax.cli.main import main
 from pdssjax.core import member
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.inference import Evidence, least_squares as fitting, pose, summary
-from pdssjax.inference.beyond_noise import exceeds_floor, exceeds_given_noise, highest_by_chance
+from pdssjax.inference.beyond_noise import exceeds_floor, exceeds_given_noise
 from pdssjax.inference.notes.about_records import about_records, about_rests
 from pdssjax.inference.notes.of_fit import about_information, about_models, about_resonances
 from pdssjax.report.text import format_report
@@ -250,12 +250,6 @@ def test_residuals_with_alike_neighbours_are_noise_where_they_lie_everywhere_and
     notes = " ".join(about_records([made], 1.0, False))
     assert ("coloured noise, as of a filter in the sensor" in notes) is said
     assert ("correlated, as the model's errors are" in notes) is not said
-
-
-def test_what_chance_gives_is_that_of_chi_square():
-    # scipy.stats.chi2.isf(norm.sf(4), n) / n
-    for freedom, expected in ((10, 3.8451), (100, 1.6681), (1000, 1.1890)):
-        assert highest_by_chance(freedom) == pytest.approx(expected, rel=0.02)
 
 
 def parameter(path, value, start, unit):

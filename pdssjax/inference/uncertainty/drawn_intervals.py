@@ -256,8 +256,8 @@ def summary_of_chains(
 
 
 def _density_in_words(problem: Problem, factor: float, held: list[str]) -> str:
-    apart = ", ".join(problem.residual.apart)
-    text = f"flat priors on the values{f' but normal ones on those measured apart ({apart})' if apart else ''}"
+    priors = ", ".join(problem.residual.priors)
+    text = f"flat priors on the values{f' but normal ones on those measured apart ({priors})' if priors else ''}"
     text += ", zeros of the sensors marginalised, noise known"
     if factor > _ENLARGED:
         text += f" and its variance enlarged by {factor:.3g}"

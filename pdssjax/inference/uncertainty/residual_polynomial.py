@@ -147,8 +147,8 @@ def learned_polynomial(
     solve = solve_triangular(triangle, basis[: -ridge.size].T).reshape(ridge.size, len(used), 1 + moving)
     coefficients = np.zeros((optimum.residual.size, ridge.size))
     for number, point in enumerate(used):  # one at a time: all Jacobians side by side are many
-        told = np.concatenate([point.residual[:, None], _SLOPES * (point.jacobian @ (axes @ widths))], axis=1)
-        coefficients += weights[number] * told @ solve[:, number].T
+        data = np.concatenate([point.residual[:, None], _SLOPES * (point.jacobian @ (axes @ widths))], axis=1)
+        coefficients += weights[number] * data @ solve[:, number].T
     return SampledPolynomial(optimum.at, np.linalg.solve(widths, inverse), coefficients, degree)
 
 
