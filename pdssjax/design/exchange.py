@@ -70,7 +70,7 @@ def chosen(candidates: Candidates, search: Search, rounds: int = 12, starts: int
 
 
 def _improved(candidates: Candidates, search: Search, plan: list[int], rounds: int) -> tuple[list[int], float]:
-    """Where exchange leads from a `plan`, and the criterion there."""
+    """The plan that exchange leads to from a `plan`, and the criterion there."""
     least = float(search.criterion(_known(candidates, search, plan)))
     for _ in range(rounds):
         before = least

@@ -69,15 +69,15 @@ class Limits:
     """Cost of each second that is recorded, in the same unit."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class CompleteLimits(Limits):
-    """Limits of which none is left out."""
+    """Limits of which none is left out; only `completed_limits` makes them."""
 
-    kinds: tuple[str, ...]
-    voltage: tuple[float, float]
-    frequency: tuple[float, float]
-    interval: float
-    duration: float
+    kinds: tuple[str, ...] = ()
+    voltage: tuple[float, float] = (math.nan, math.nan)
+    frequency: tuple[float, float] = (math.nan, math.nan)
+    interval: float = math.nan
+    duration: float = math.nan
 
 
 class Resources(eqx.Module):
@@ -133,12 +133,12 @@ class Experiment:
         return {field: float(numbers[field]) for field in ("voltage", "frequency", "duty") if field in numbers}
 
     def with_shape(self, numbers: Mapping[str, float]) -> "Experiment":
-        """The same with other numbers of its drive."""
+        """The experiment with other numbers of its drive."""
         assert self.drive is not None
         return dataclasses.replace(self, drive=self.drive.with_numbers(numbers))
 
     def rounded(self) -> "Experiment":
-        """The same with voltage, frequency and duty to four digits, as a generator is set."""
+        """The experiment with voltage, frequency and duty to four digits, as a generator is set."""
         return self.with_shape({f: float(f"{n:.4g}") for f, n in self.shape.items()}) if self.shape else self
 
     @property

@@ -74,20 +74,13 @@ def whitened(
     return out
 
 
-def without_zero(
+def record_information(
     columns: Float[np.ndarray, "n q"], times: Float[np.ndarray, " n"], noise: Noise
-) -> Float[np.ndarray, "n q"]:
-    """The whitened `columns` without what a free zero of the record could take up."""
+) -> Float[np.ndarray, "q q"]:
+    """The information of one record on the q unknowns whose Jacobian is `columns`, its zero free."""
     white = whitened(columns, times, noise)
     zero = whitened(np.ones((times.size, 1)), times, noise)[:, 0]
-    return white - np.outer(zero, zero @ white / (zero @ zero))
-
-
-def record_information(
-    columns: Float[np.ndarray, "n q"], times: Float[np.ndarray, " n"], noise: Noise, free_zero: bool = True
-) -> Float[np.ndarray, "q q"]:
-    """The information of one record on the q unknowns whose Jacobian is `columns`, its zero free or known."""
-    white = (without_zero if free_zero else whitened)(columns, times, noise)
+    white = white - np.outer(zero, zero @ white / (zero @ zero))
     return white.T @ white
 
 

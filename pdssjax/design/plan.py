@@ -19,7 +19,7 @@ FORMAT = "pdssjax-plan/1"
 """The format of the file in which a plan is kept."""
 
 Errors: TypeAlias = dict[str, float]
-"""By path, standard errors [SI]; NaN where nothing determines the parameter."""
+"""Standard errors [SI] by path; NaN where nothing determines the parameter."""
 
 
 @equal_by_value

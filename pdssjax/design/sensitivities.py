@@ -38,7 +38,7 @@ class Response(NamedTuple):
     """Predicted samples of an experiment, without a zero of its own."""
 
     predicted: Float[np.ndarray, " m"]
-    """In the unit of the measurement; NaN where the simulation failed."""
+    """Predicted samples in the unit of the measurement; NaN where the simulation failed."""
     jacobian: Float[np.ndarray, "m p"]
     """The derivative by the free parameters, on the fit's scale."""
 

@@ -69,7 +69,7 @@ class InMemory:
 
 @dataclass(frozen=True)
 class Drawing:
-    """How a bootstrap or a posterior is drawn."""
+    """Settings of a bootstrap or a posterior."""
 
     count: int | None = None
     """Replicates of a bootstrap, draws of each chain of a posterior; 1000 unless given."""

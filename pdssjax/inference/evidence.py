@@ -227,11 +227,17 @@ class Evidence:
         Each record by itself, too: many samples that are explained hide what others leave.
         """
         given = [part for part, is_given in zip(parts, self.noise_is_given, strict=True) if is_given]
+        if not given:
+            return False
         efficiency = self.problem.residual.loss.scatter_efficiency
-        by_chance = lambda parts: highest_by_chance(efficiency * self._scatter(parts)[1])
-        of_one = lambda part: max(by_chance([part]), EXCESS)
-        exceeds = lambda parts, limit: bool(parts) and not self._scatter(parts)[0] < limit
-        return exceeds(given, by_chance(given)) or any(exceeds([part], of_one(part)) for part in given)
+        variance, freedom = self._scatter(given)
+        if not variance < highest_by_chance(efficiency * freedom):
+            return True
+        for part in given:
+            variance, freedom = self._scatter([part])
+            if not variance < max(highest_by_chance(efficiency * freedom), EXCESS):
+                return True
+        return False
 
     def _exceeds_estimated_noise(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
         """Whether residuals of records whose noise is not given exceed in size what was estimated; without NaN."""
@@ -331,11 +337,16 @@ def _outlying(problem: Problem, roots: Float[np.ndarray, " n"]) -> Bool[np.ndarr
 def _columns(problem: Problem, fit: Fit) -> Float[np.ndarray, "n q"]:
     """The Jacobian of what the fit is free to change: p columns, 0 of parameters at bounds, and the free zeros'."""
     jacobian = np.asarray(fit.state.jacobian) * ~problem.residual.transform.at_bound(fit.free)
-    zeros = [rows for record, rows in zip(problem.records, problem.rows, strict=True) if record.offset is None]
-    ones = np.zeros((jacobian.shape[0], len(zeros)))
-    for i, rows in enumerate(zeros):
+    return np.column_stack([jacobian, zero_columns(problem, len(jacobian))])
+
+
+def zero_columns(problem: Problem, count: int) -> Float[np.ndarray, "n z"]:
+    """The derivatives of `count` whitened residuals by the free zeros, in the noise of their records."""
+    free = [rows for record, rows in zip(problem.records, problem.rows, strict=True) if record.offset is None]
+    ones = np.zeros((count, len(free)))
+    for i, rows in enumerate(free):
         ones[rows, i] = 1.0
-    return np.column_stack([jacobian, ones])
+    return ones
 
 
 def _step(

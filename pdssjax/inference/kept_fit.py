@@ -24,11 +24,11 @@ class FitAndStarts(NamedTuple):
     """A fit with its problem, its starts, and the ends of the other starts."""
 
     evidence: Evidence
-    """Of the fit and its problem, with the noise found."""
+    """The evidence of the fit and its problem, with the noise found."""
     starts: dict[str, float]
-    """Where it began [SI], by path."""
+    """The starts of the fit [SI], by path."""
     multistart: Multistart | None
-    """Where fits from further starts ended; None where none were asked for."""
+    """The ends of fits from further starts; None without such fits."""
 
 
 def run_settings(

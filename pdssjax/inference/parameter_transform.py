@@ -92,7 +92,7 @@ class ParameterTransform:
         return jacobian if self.ties is None else jacobian @ np.linalg.inv(self.ties.mixing)
 
     def tied_to(self, which: Bool[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
-        """Those parameters, and all that constraints tie to them."""
+        """The parameters `which`, and all that constraints tie to them."""
         return which if self.ties is None else (np.abs(self.ties.mixing) @ which) > 0.0
 
     def own_covariance(self, matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:

@@ -66,7 +66,7 @@ class Problem:
     """After how many iterations and slow steps a run ends."""
 
     def _replace(self, **changes: Any) -> "Problem":
-        """The same with other fields, as of a named tuple."""
+        """The problem with other fields, as of a named tuple."""
         return dataclasses.replace(self, **changes)
 
     @property
@@ -87,7 +87,7 @@ class Problem:
         return self.residual.transform.low, self.residual.transform.high
 
     def fitted_to(self, used: Sequence[Bool[np.ndarray, " samples"]]) -> "Problem":
-        """The same with only the `used` samples of each record; the others have a residual of 0.
+        """The problem with only the `used` samples of each record; the others have a residual of 0.
 
         For cross-validation: what is compiled is shared, so that parts may be held out in turn.  Noise and counts of
         samples stay those of whole records.
@@ -136,7 +136,7 @@ class Problem:
 
     @property
     def _evaluator(self) -> Evaluator | None:
-        """What is compiled of the study; None for a problem of your own."""
+        """The compiled evaluation of the study; None for a problem of your own."""
         if self.predictor is None:
             return None
         residual = self.residual
@@ -145,7 +145,7 @@ class Problem:
         return Evaluator(self.predictor, residual.comparison, residual.accuracy, self.places, paths, free)
 
     def lowered(self, free: Float[Array | np.ndarray, " p"]) -> Lowered:
-        """What its evaluations compile, traced; its `compile` may go on in another thread."""
+        """The program of its evaluations, traced; its `compile` may go on in another thread."""
         return self.evaluations(self._weights()).lowered(free)
 
     @property

@@ -62,7 +62,7 @@ def _equal(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"]) -> bool
 
 
 def _informative(values: Float[np.ndarray, " n"]) -> int:
-    """How many samples there are; 0 of few, and of those that show nothing but rest."""
+    """The number of samples; 0 of few, and of those that show nothing but rest."""
     return values.size if values.size >= _FEWEST and np.ptp(values) > 0 else 0
 
 

@@ -100,11 +100,11 @@ class Evaluated(NamedTuple):
     squares: Float[Array, " points"]
     """The sum of squares of the residual, of each of the points."""
     motions: list[Float[Array, " samples"]]
-    """Of every record that is used."""
+    """Predicted motion of every record that is used."""
     residual: Float[Array, " n"]
     offsets: Float[Array, " records"]
     jacobian: Float[Array, "n p"]
-    """Of the residual; 0 where no derivatives were wanted."""
+    """The Jacobian of the residual; 0 where no derivatives were wanted."""
     offsets_jacobian: Float[Array, "records p"]
 
 
@@ -118,14 +118,14 @@ class Evaluator:
     """The records of a study beside their predictions: compiled once for values and for derivatives, whoever asks."""
 
     predictor: Predictor
-    """Of all records, fitted or not."""
+    """Predictor of all records, fitted or not."""
     comparison: Comparison
-    """Of those that are fitted."""
+    """Samples of the records that are fitted."""
     accuracy: Accuracy
     places: tuple[int, ...] = dataclasses.field(metadata={"static": True})
-    """Where these stand among all."""
+    """Places of the fitted records among all."""
     paths: tuple[str, ...] = dataclasses.field(metadata={"static": True})
-    """Of all parameters."""
+    """Paths of all parameters."""
     free: tuple[str, ...] = dataclasses.field(metadata={"static": True})
     """The paths by which derivatives are taken."""
 
@@ -145,7 +145,7 @@ class Evaluator:
         return _evaluated(*self._asked(points, weights, used, directions))
 
     def lowered(self, values: Values, weights: Float[Array | np.ndarray, " records"]) -> Lowered:
-        """What is compiled, traced; its `compile` may go on in another thread."""
+        """The program of an evaluation, traced; its `compile` may go on in another thread."""
         return _evaluated.prepared(*self._asked([values], weights, None, None))
 
     def _asked(

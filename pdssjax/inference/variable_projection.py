@@ -52,7 +52,7 @@ _BEGIN, _LEAST, _LARGEST = 1e-3, 1e-12, 1e6
 
 
 class Projected(NamedTuple):
-    """Where the search ended."""
+    """The end of a search by variable projection."""
 
     free: Float[np.ndarray, " p"]
     """All parameters, on the fit's scale."""
@@ -129,7 +129,7 @@ class _Task(NamedTuple):
 
 
 def _forecast(task: _Task, here: _Point, is_near: bool) -> str:
-    """How long a search will take, by what one linearisation takes."""
+    """A forecast of the time that a search takes, by that of one linearisation."""
     begun = time.perf_counter()
     jax.block_until_ready(task.at(here.free))
     each, positive = time.perf_counter() - begun, int(task.positive.sum())
@@ -163,7 +163,7 @@ def _by_factors(task: _Task, here: _Point) -> tuple[_Point, int]:
 
 
 def _by_decades(task: _Task, here: _Point) -> tuple[_Point, int]:
-    """In the end, where an element is unused: the times or thresholds may stand a decade off, in another valley."""
+    """The last stage: where an element is unused, times or thresholds may stand a decade off, in another valley."""
     if not _leaves_unused(task, here):
         return here, 0
     count, rivals = 0, []

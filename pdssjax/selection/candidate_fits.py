@@ -57,10 +57,10 @@ ones."""
 
 
 class CandidateStore(Protocol):
-    """Where fitted candidates are kept, so that a comparison that is broken off can go on."""
+    """Keeps fitted candidates, so that a comparison that is broken off can go on."""
 
     def kept(self, candidate: Candidate, digest: str) -> FittedCandidate | None:
-        """What was kept of a candidate with this `digest`; None where there is nothing, or something else."""
+        """The fit kept of a candidate with this `digest`; None where there is none, or another one."""
         ...
 
     def keep(self, candidate: Candidate, digest: str, fitted: FittedCandidate, estimate: Estimate | None) -> None:
@@ -347,7 +347,7 @@ def _better(one: Answer, other: Answer) -> Answer:
 
 
 def fitted_candidate(candidate: Candidate, estimate: Estimate, start: str) -> FittedCandidate:
-    """What a comparison needs of a candidate's `estimate`, which began at `start`."""
+    """The values of a candidate's `estimate` that a comparison needs; it began at `start`."""
     statistics = estimate.statistics
     return FittedCandidate(
         name=candidate.name,

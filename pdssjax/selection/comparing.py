@@ -26,7 +26,7 @@ from .held_out import Part, parts_of
 from .scores import CommonNoise, Fitness, Scores, choose, common_noise, fitness, groups_of, scores_of
 
 EFFORT = "quick"
-"""Of each fit, unless another is asked for: a law that is wrong is poor from every start, and would try them all."""
+"""Effort of each fit unless given: a law that is wrong is poor from every start, and would try them all."""
 
 BINS = 20
 """Parts of a cycle, or of a record, in which a misfit is looked for."""
@@ -75,7 +75,7 @@ def compare_models(
 def judged(
     study: Study, candidates: Sequence[Candidate], fitted: Mapping[str, FittedCandidate], parts: Sequence[Part]
 ) -> Comparison:
-    """What fits and held-out parts amount to."""
+    """The comparison that fits and held-out parts amount to."""
     order = [candidate.name for candidate in candidates]
     good = [name for name in order if not fitted[name].failure]
     if not good:

@@ -71,7 +71,7 @@ class FittedCandidate:
     residuals: tuple[Float[np.ndarray, " samples"], ...] = ()
     """Measured less predicted of every record of the study, in its unit, its zero included."""
     held_out: tuple[Float[np.ndarray, " samples"], ...] = ()
-    """The same of every part that was held out, predicted by the parameters that the other samples give."""
+    """Residuals of every part that was held out, predicted by the parameters that the other samples give."""
     refitted: int = 0
     """Parts for which a linear step was not enough, and the model was fitted again."""
     start: str = ""
@@ -113,7 +113,7 @@ class Misfit(NamedTuple):
     rms: float
     """Root mean square of the residuals of the record, in its unit."""
     best_rms: float
-    """The same of the model that predicts best."""
+    """Root mean square of the residuals of the model that predicts best."""
 
 
 class DiscriminatingRecord(NamedTuple):
@@ -147,7 +147,7 @@ class Result:
     time: Difference | None = None
     """By how much the best one scores higher on blocks of time and validation records; None where it has no fit."""
     records: Difference | None = None
-    """The same on whole records that no fit has seen; None where there are none."""
+    """By how much the best one scores higher on whole records that no fit has seen; None where there are none."""
     criterion: float = np.nan
     """Schwarz's criterion with the number of independent samples, above the lowest one."""
     group: int = -1
@@ -197,7 +197,7 @@ class Comparison:
     records: tuple[Record, ...]
     """The records of the study."""
     telling: DiscriminatingRecord | None = None
-    """What would tell the chosen model from another one of its group; None where nothing is to be told, or no record
+    """The record that would tell the chosen model from another of its group; None where none is needed, or no record
     can be made up."""
     seconds: float = 0.0
     """Time that it took [s]."""

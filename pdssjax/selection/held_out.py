@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..inference import Problem, evaluated, fit_phase, pose_problem, pseudo_inverse, quiet
+from ..inference import Problem, evaluated, fit_phase, pose_problem, pseudo_inverse, quiet, zero_columns
 from ..study import Record, Study, cycles_a_second
 from .comparison import FittedCandidate
 
@@ -48,9 +48,9 @@ class Part(NamedTuple):
     """Samples of one record that are held out together."""
 
     record: int
-    """Its place in the study."""
+    """Place of the record in the study."""
     rows: Bool[np.ndarray, " samples"]
-    """Which of its samples."""
+    """Which samples of the record are held out."""
     kind: str
     """"time": a block of a record; "record": all of one; "validation": all of one that no fit sees."""
 
@@ -114,7 +114,7 @@ def _zero(record: Record, rest: Float[np.ndarray, " samples"], used: Bool[np.nda
 
 
 class _Optimum(NamedTuple):
-    """Where a model was fitted, of p parameters and n samples."""
+    """The optimum of a model of p parameters and n samples."""
 
     study: Study
     problem: Problem
@@ -195,13 +195,7 @@ def _at_optimum(study: Study, fitted: FittedCandidate) -> _Optimum:
     # A range that follows from where a fit starts is another one here: the fit knows what it ended at.
     ended = np.array([path in fitted.at_bound for path in problem.residual.transform.paths])
     moved = ~(ended | problem.residual.transform.at_bound(free)) & (np.linalg.norm(jacobian, axis=0) > 0.0)
-    zeros = np.zeros((jacobian.shape[0], 0))
-    for record, rows in zip(problem.records, problem.rows, strict=True):
-        if record.offset is None:
-            column = np.zeros((jacobian.shape[0], 1))
-            column[rows] = 1.0
-            zeros = np.hstack([zeros, column])
-    basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zeros]))
+    basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zero_columns(problem, len(jacobian))]))
     used = [place for place, record in enumerate(study.records) if record.role == "fit"]
     places = {place: number for number, place in enumerate(used)}
     return _Optimum(study, problem, free, np.asarray(state.residual), basis, spread, moved, places)

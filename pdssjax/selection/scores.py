@@ -94,7 +94,7 @@ class Whitener(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """How many are compared."""
+        """The number of samples that are compared."""
         return sum(places.size for places, _ in self.pieces)
 
     def __call__(self, residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
@@ -103,7 +103,7 @@ class Whitener(NamedTuple):
 
 
 def whitener(record: Record, noise: CommonNoise, rows: Bool[np.ndarray, " samples"]) -> Whitener:
-    """What makes residuals of the `rows` of a record white; samples that stand out are left out."""
+    """The whitener of residuals of the `rows` of a record; samples that stand out are left out."""
     places = np.flatnonzero(rows)
     compared = np.flatnonzero(noise.used[places])
     cuts = np.flatnonzero(np.diff(places[compared]) > 1) + 1
@@ -151,17 +151,17 @@ class Fitness(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """What several models score on the same parts."""
+    """Scores of several models on the same parts."""
 
     parts: tuple[Part, ...]
     whitened: Mapping[str, tuple[Float[np.ndarray, " m"], ...]]
-    """By model, w of each part."""
+    """Whitened residuals of each part, by model."""
     log_volumes: tuple[float, ...]
     fits: Mapping[str, Fitness] = MappingProxyType({})
     """How well each model explains the fitted samples, by its name."""
 
     def only(self, *kinds: str) -> "Scores":
-        """Those of parts of some `kinds`."""
+        """The scores on parts of some `kinds`."""
         kept = [k for k, part in enumerate(self.parts) if part.kind in kinds]
         take = lambda values: tuple(values[k] for k in kept)
         whitened = {name: take(w) for name, w in self.whitened.items()}

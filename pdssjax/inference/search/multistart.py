@@ -46,12 +46,12 @@ from .races import (
 
 
 class Point(NamedTuple):
-    """Where a run of a fit has been."""
+    """A point that a run of a fit has come to."""
 
     fit: Fit
     problem: Problem
     starts: dict[str, float]
-    """Where that run began [SI], by path; fixed parameters too."""
+    """The starts of that run [SI], by path, with the fixed parameters."""
     covers: int
     """Records that the run fits: 2 all, 1 those that need the contact, 0 those of the platform."""
 

@@ -144,7 +144,7 @@ def _step_of_errors(fit: Fit, problem: Problem, factor: float, random: np.random
 
 
 def _perturbed(fit: Fit, problem: Problem, step: np.ndarray) -> np.ndarray:
-    """Where the `fit` ended, and a `step` further, within the bounds; no parameter leaves farther than allowed."""
+    """The end of the `fit` and a `step` further, within the bounds; no parameter leaves farther than allowed."""
     step = step / max(1.0, np.max(np.abs(step)) / _LARGEST_PERTURBATION)
     return np.clip(fit.free + step, *problem.bounds)
 
@@ -197,7 +197,7 @@ class Contest:
     excused: Callable[[Fit, Problem], bool] | None = None
     """Whether what a poor fit leaves comes of what is held in it, so that no other start would help; None: never."""
     effort: Effort = USUAL
-    """How many starts are tried."""
+    """Decides how many starts are tried."""
     judged: list[Evidence] = dataclasses.field(default_factory=list)
     """The evidence of the fit judged last."""
 

@@ -100,7 +100,7 @@ def at_bounds(
 
 
 def _rates(slopes: Float[np.ndarray, " k"], roots: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """1 over the mean of each, from g and the root of h."""
+    """The rates rho of the exponentials, from g and the root of h."""
     from scipy.special import erfcx
 
     steep = np.clip(slopes / roots, -_STEEP, _STEEP)

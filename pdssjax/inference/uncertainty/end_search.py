@@ -22,7 +22,7 @@ from .residual_polynomial import SampledPolynomial, count_points, learned_polyno
 from .second_order import Curvature, Linearisation, SecondOrder, learned_curvature
 
 PROBED = 0.05
-"""How far from the point its curvature is probed, in half widths of the linear intervals."""
+"""Distance from a point at which its curvature is probed, in half widths of the linear intervals."""
 
 
 def standard_errors(
@@ -84,7 +84,7 @@ class SharedCurvature:
         self.learns = bool(probes)
         self.polynomial: SampledPolynomial | None = None
         self.due = count_points(optimum.at.size)
-        """How many linearisations the polynomial is learned of next time, the optimum's among them."""
+        """Number of linearisations, the optimum's among them, from which the polynomial is learned next."""
 
     @property
     def known(self) -> bool:
@@ -116,7 +116,7 @@ _MISSED = 5e-3
 """Share of the threshold by which the profile may miss it at the last point: its slope then tells the end."""
 
 _KINKED = 2e-2
-"""What may be missed and gained where chi-square has kinks: one per cent of the half width."""
+"""Share of the threshold that may be missed and gained where chi-square has kinks: one per cent of the half width."""
 
 _TRUSTED = 0.1, 1.0
 """Least and largest first radius of trust, in half widths of the linear interval."""

@@ -113,7 +113,7 @@ _DEEPEST = 8
 """Doublings of a trajectory, at most."""
 
 _BEGIN = Widths(solved=(1.2,), linear=1.0, share=0.0)
-"""Where chains begin."""
+"""Widths of the mixture that chains begin in."""
 
 _CANDIDATES = 20
 """Candidates for a chain's start: the first one that the model can be simulated at is taken."""
@@ -240,7 +240,7 @@ def _block(
 
 
 def _warmed_up(target: TransportedDensity, sampler: _Sampler, model: Model, seed: int, chain: int) -> Document:
-    """Where a chain begins, and the length of its steps."""
+    """The start of a chain, and the length of its steps."""
     random = stream(seed, "warm up", chain)
     places = model.proposals(target.map.polynomial, _BEGIN, _CANDIDATES, random).free
     key = _key(random)
@@ -262,7 +262,7 @@ def _key(random: np.random.Generator) -> Any:
 
 
 class _Chain:
-    """Where a chain is; it moves by a proposal, a short step and a trajectory in turn."""
+    """A chain, which moves by a proposal, a short step and a trajectory in turn."""
 
     def __init__(
         self,
@@ -332,7 +332,7 @@ class _Chain:
 
 
 def _task_of(entry: Document, shape: tuple[int, int]) -> tuple[int, int]:
-    """Which block of which chain an `entry` is, of as many parameters and directions as the axes' `shape` says."""
+    """Chain and block of an `entry`, of as many parameters and directions as the axes' `shape` says."""
     task = entry["chain"], entry["block"]
     if not all(isinstance(number, int) for number in task):
         raise TypeError(f"chain, block = {task!r}")

@@ -92,7 +92,7 @@ def _most_changed(parameters: Sequence[FittedParameter], before: str, after: str
 
 
 class FittedPoint(NamedTuple):
-    """Where a fit ended, of p parameters and n samples."""
+    """The optimum of a fit of p parameters and n samples."""
 
     method: Method
     evidence: Evidence
@@ -107,12 +107,12 @@ class FittedPoint(NamedTuple):
 
     @property
     def problem(self) -> Problem:
-        """What was fitted."""
+        """The problem that was fitted."""
         return self.evidence.problem
 
     @property
     def fit(self) -> Fit:
-        """How it ended."""
+        """The fit of the problem."""
         return self.evidence.fit
 
 

@@ -32,7 +32,7 @@ BLOCK = 50
 """Draws between two moments at which they are kept."""
 
 PROPOSALS = "randomized residuals, exponentials at bounds, streams by purpose"
-"""What draws are proposed from: weights of proposals of another kind do not go with theirs."""
+"""Kind of the proposals: weights of another kind do not go with theirs."""
 
 TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1)
 """Widths of the mixture of proposals, which the model accepts or refuses."""
@@ -123,7 +123,7 @@ def _judged(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[in
 
 
 def _task_of(entry: Document, size: int) -> tuple[int, int]:
-    """Which block of which chain an `entry` is."""
+    """Chain and block of an `entry`."""
     task = entry["chain"], entry["block"]
     if not all(isinstance(number, int) for number in task):
         raise TypeError(f"chain, block = {task!r}")

@@ -88,7 +88,7 @@ class Model(NamedTuple):
         return propose(self.mixture(learned, widths), self.bounds, count, random)
 
     def along_axes(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n q"]:
-        """Where numbers on the scale of the fit lie along the axes, from the optimum."""
+        """Numbers on the scale of the fit as distances from the optimum along the axes."""
         return (free - self.optimum.at) @ np.linalg.pinv(self.axes).T
 
 

@@ -49,7 +49,7 @@ class Aim(NamedTuple):
     """Half widths of the linear intervals, in which steps are measured."""
 
     def shifted(self, at: Float[np.ndarray, " p"], radius: float) -> "Aim":
-        """The same as seen from `at`, the profiled parameter no farther than `radius`.
+        """The aim as seen from `at`, the profiled parameter no farther than `radius`.
 
         The others have room to come back into a narrow valley.
         """
@@ -136,7 +136,7 @@ def lowest(
 
 
 def _within(at: Float[np.ndarray, " p"], aim: Aim, solve: Solve) -> Float[np.ndarray, " p"]:
-    """What `solve` makes of the model, where what would leave the box moves to its side and no further."""
+    """The step of `solve`, where a parameter that would leave the box moves to its side and no further."""
     low, high = aim.low - at, aim.high - at
     held, step = low >= high, np.zeros(at.size)
     for _ in range(at.size):

@@ -32,7 +32,7 @@ class TwoSteps(NamedTuple):
     later: Int[np.ndarray, " r"]
 
     def with_first_exact(self) -> "TwoSteps":
-        """The same where the second step takes what the first has found for exact."""
+        """The steps where the second takes the result of the first for exact."""
         second = self.second.copy()
         second[:, self.earlier] = 0.0
         return self._replace(second=second)
