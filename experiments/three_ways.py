@@ -25,7 +25,6 @@ from pdssjax.inference import (
     joint,
     least_squares_covariance,
     pick_peaks,
-    propagated,
     sequential,
     with_piezo_held,
 )
@@ -212,6 +211,27 @@ def amplification(
     earlier, later = np.flatnonzero(piezo), np.flatnonzero(~piezo)
     _, whole = propagated(jacobian[walks], np.eye(earlier.size), later, earlier)
     return whole[np.ix_(later, earlier)]
+
+
+def propagated(
+    jacobian: Float[np.ndarray, "n p"], first: Float[np.ndarray, "q q"], later: np.ndarray, earlier: np.ndarray
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p p"]]:
+    """Covariance of a fit in two steps: naive, and with the first step's errors carried on.
+
+    **Arguments:** `jacobian` of the second step's residuals in all parameters; `first`, the covariance of those at the
+    places `earlier`, fitted before and then held, while those at the places `later` were fitted.  An error e of the
+    first moves the second by -(J2' J2)^-1 J2' J1 e (first order).
+    """
+    naive = least_squares_covariance(jacobian[:, later], np.zeros(later.size, bool)).matrix
+    shift = -np.linalg.lstsq(jacobian[:, later], jacobian[:, earlier], rcond=None)[0]
+    p = jacobian.shape[1]
+    plain, whole = np.zeros((p, p)), np.zeros((p, p))
+    for matrix, block in ((plain, naive), (whole, naive + shift @ first @ shift.T)):
+        matrix[np.ix_(earlier, earlier)] = first
+        matrix[np.ix_(later, later)] = block
+    whole[np.ix_(later, earlier)] = shift @ first
+    whole[np.ix_(earlier, later)] = (shift @ first).T
+    return plain, whole
 
 
 def standard_errors(

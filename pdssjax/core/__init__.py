@@ -45,7 +45,11 @@ if TYPE_CHECKING:
         nearest as nearest,
     )
     from .families import docstring_of as docstring_of, member as member, member_name as member_name, members as members
-    from .jax_setup import prepare_jax as prepare_jax, require_float64 as require_float64
+    from .jax_setup import (
+        prepare_jax as prepare_jax,
+        require_float64 as require_float64,
+        use_float64 as use_float64,
+    )
     from .kept_programs import (
         KeptFunction as KeptFunction,
         Lowered as Lowered,

@@ -217,6 +217,12 @@ def prepare_jax(*, dedicated: bool = False) -> None:
     keep_programs_in(folder, _circumstances())
 
 
+def use_float64() -> None:
+    """Prepare JAX where it is in single precision, as it is in another process of an executor."""
+    if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
+        prepare_jax()
+
+
 def require_float64(what: str) -> None:
     """**Raises** `InputError` that names `what` was called where JAX computes in single precision.
 

@@ -49,7 +49,7 @@ class AbstractCriterion(eqx.Module):
     @property
     @abc.abstractmethod
     def measure(self) -> str:
-        """What it is a number of."""
+        """The quantity that the criterion is a number of."""
 
     def figure(self, value: float) -> str:
         """The number that a `value` stands for, with its unit."""
@@ -107,7 +107,7 @@ class Combinations(AbstractCriterion):
 
 
 class Prediction(Combinations):
-    """The same of a prediction: its gradient by the parameters is the combination."""
+    """The log error of a prediction: its gradient by the parameters is the combination."""
 
     name: ClassVar = "prediction"
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from .criteria import AbstractCriterion
 
@@ -22,7 +22,7 @@ _FAINT = 1e-6
 """Information on every unknown [1], on a relative scale: an error of a factor of e^1000."""
 
 _AT_ONCE = 20_000_000
-"""Numbers of informations that are judged together."""
+"""Elements of information matrices that are judged together."""
 
 
 class Candidates(NamedTuple):
@@ -31,10 +31,6 @@ class Candidates(NamedTuple):
     information: Float[np.ndarray, "candidates draws q q"]
     takes: Float[np.ndarray, "candidates resources"]
     """How much of each resource each candidate takes: samples, records, seconds, cost."""
-
-    def some(self, kept: Sequence[int]) -> "Candidates":
-        """The candidates at the indices `kept`."""
-        return Candidates(self.information[list(kept)], self.takes[list(kept)])
 
 
 class Search(NamedTuple):
@@ -74,8 +70,8 @@ def chosen(candidates: Candidates, search: Search, rounds: int = 12, starts: int
 
 
 def _improved(candidates: Candidates, search: Search, plan: list[int], rounds: int) -> tuple[list[int], float]:
-    """Where exchange leads from a `plan`, and the criterion there."""
-    least = _score(candidates, search, plan)
+    """The plan that exchange leads to from a `plan`, and the criterion there."""
+    least = float(search.criterion(_known(candidates, search, plan)))
     for _ in range(rounds):
         before = least
         plan, least = _exchanged(candidates, search, plan, least)
@@ -89,24 +85,26 @@ def _known(candidates: Candidates, search: Search, plan: Sequence[int]) -> Float
     return search.base + candidates.information[list(plan)].sum(axis=0)
 
 
-def _score(candidates: Candidates, search: Search, plan: Sequence[int]) -> float:
-    return float(search.criterion(_known(candidates, search, plan)))
-
-
 def _affordable(candidates: Candidates, search: Search, plan: Sequence[int]) -> Bool[np.ndarray, " candidates"]:
     """Which candidates the budget leaves room for beside those of a `plan`."""
     left = search.budget - candidates.takes[list(plan)].sum(axis=0)
     return np.all(candidates.takes <= left * (1 + 1e-9) + 1e-12, axis=1)
 
 
-def _best_addition(candidates: Candidates, search: Search, plan: Sequence[int]) -> tuple[int, float] | None:
-    """The candidate that is best added to a `plan`, and the criterion with it; None where there is room for none."""
-    open_ = np.flatnonzero(_affordable(candidates, search, plan))
-    if not open_.size:
+def _best_of(
+    candidates: Candidates, search: Search, plan: Sequence[int], places: Int[np.ndarray, " places"]
+) -> tuple[int, float] | None:
+    """The candidate at one of the `places` that is best added to a `plan`, and the criterion with it; None of none."""
+    if not places.size:
         return None
-    scores = search.scores(_known(candidates, search, plan), candidates.information[open_])
+    scores = search.scores(_known(candidates, search, plan), candidates.information[places])
     best = int(np.argmin(scores))
-    return int(open_[best]), float(scores[best])
+    return int(places[best]), float(scores[best])
+
+
+def _best_addition(candidates: Candidates, search: Search, plan: Sequence[int]) -> tuple[int, float] | None:
+    """The best candidate of those that the budget has room for beside a `plan`, as `_best_of`."""
+    return _best_of(candidates, search, plan, np.flatnonzero(_affordable(candidates, search, plan)))
 
 
 def _greedy(candidates: Candidates, search: Search, plan: list[int]) -> list[int]:
@@ -118,11 +116,10 @@ def _greedy(candidates: Candidates, search: Search, plan: list[int]) -> list[int
         even = left / (records - len(plan))
         open_ = _affordable(candidates, search, plan)
         modest = open_ & np.all(candidates.takes <= np.where(np.isfinite(even), even, np.inf) * (1 + 1e-9), axis=1)
-        places = np.flatnonzero(modest if modest.any() else open_)
-        if not places.size:
+        best = _best_of(candidates, search, plan, np.flatnonzero(modest if modest.any() else open_))
+        if best is None:
             break
-        scores = search.scores(_known(candidates, search, plan), candidates.information[places])
-        plan.append(int(places[np.argmin(scores)]))
+        plan.append(best[0])
     return plan
 
 
@@ -143,14 +140,16 @@ def _exchanged(candidates: Candidates, search: Search, plan: list[int], least: f
 def _exchanged_in_pairs(
     candidates: Candidates, search: Search, plan: list[int], least: float
 ) -> tuple[list[int], float]:
-    """The plan after pairs of places were given away, first to a smaller or the best candidate, then to the best."""
+    """The plan after pairs of places were given away: one to a candidate with at most three quarters of the samples,
+    or to the best one, the other then to the best."""
+    sizes = candidates.takes[:, 0]
     for first in range(len(plan)):
         for second in range(len(plan)):
             if first == second or max(first, second) >= len(plan):
                 continue
             others = [candidate for place, candidate in enumerate(plan) if place not in (first, second)]
             for begun in (
-                _smaller(candidates, search, others, plan[first]),
+                _best_of(candidates, search, others, np.flatnonzero(sizes <= 0.75 * sizes[plan[first]])),
                 _best_addition(candidates, search, others),
             ):
                 better = None if begun is None else _best_addition(candidates, search, [*others, begun[0]])
@@ -158,16 +157,6 @@ def _exchanged_in_pairs(
                     plan, least = [*others, begun[0], better[0]], better[1]
                     break
     return plan, least
-
-
-def _smaller(candidates: Candidates, search: Search, plan: list[int], than: int) -> tuple[int, float] | None:
-    """The best addition of those that take at most three quarters of the samples that another does, if there is any."""
-    places = np.flatnonzero(candidates.takes[:, 0] <= 0.75 * candidates.takes[than, 0])
-    if not places.size:
-        return None
-    scores = search.scores(_known(candidates, search, plan), candidates.information[places])
-    best = int(np.argmin(scores))
-    return int(places[best]), float(scores[best])
 
 
 def promising(candidates: Candidates, search: Search, count: int) -> list[int]:

@@ -1,4 +1,4 @@
-"""What may be measured next: kinds of records, drives and rigs within the limits that a user states.
+"""Experiments that may be made next: kinds of records, drives and rigs within the limits that a user states.
 
 An `Experiment` is a record without its sampling: what is measured, the voltage or the prescribed motion, and the
 numbers of the rig that are set for it, such as a tilt or an added mass.
@@ -7,7 +7,7 @@ numbers of the rig that are set for it, such as a tilt or an added mass.
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import equinox as eqx
@@ -26,7 +26,7 @@ KINDS = ("platform", "effector", "velocity", "force", "friction")
 """Kinds of measurement that a plan may contain."""
 
 _USUAL = {"platform": ("step", "sawtooth")}
-"""Waveforms of a kind of which the study has no record; other kinds have a sawtooth."""
+"""Usual waveforms by kind, where the study has no record of it; other kinds have a sawtooth."""
 
 _LEVELS = 4
 """Voltages and frequencies that are tried of a range."""
@@ -42,11 +42,11 @@ class Limits:
     kinds: tuple[str, ...] | None = None
     """Kinds of measurement that are allowed, of `KINDS`."""
     waveforms: tuple[str, ...] | None = None
-    """Names of drives."""
+    """Names of the drives that are allowed."""
     voltage: tuple[float, float] | None = None
-    """Least and greatest of a drive [V]."""
+    """Least and greatest voltage of a drive [V]."""
     frequency: tuple[float, float] | None = None
-    """Least and greatest of a drive or a motion [Hz]."""
+    """Least and greatest frequency of a drive or a motion [Hz]."""
     duty: tuple[float, ...] = ()
     """Shares of the period that the slow flank may take [1], of drives that have a duty; none: the drive's own."""
     amplitude: tuple[float, ...] = ()
@@ -67,6 +67,17 @@ class Limits:
     """Cost of each record, in a unit of your choice."""
     second_cost: float = 0.0
     """Cost of each second that is recorded, in the same unit."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CompleteLimits(Limits):
+    """Limits of which none is left out; only `completed_limits` makes them."""
+
+    kinds: tuple[str, ...] = ()
+    voltage: tuple[float, float] = (math.nan, math.nan)
+    frequency: tuple[float, float] = (math.nan, math.nan)
+    interval: float = math.nan
+    duration: float = math.nan
 
 
 class Resources(eqx.Module):
@@ -122,12 +133,12 @@ class Experiment:
         return {field: float(numbers[field]) for field in ("voltage", "frequency", "duty") if field in numbers}
 
     def with_shape(self, numbers: Mapping[str, float]) -> "Experiment":
-        """The same with other numbers of its drive."""
+        """The experiment with other numbers of its drive."""
         assert self.drive is not None
         return dataclasses.replace(self, drive=self.drive.with_numbers(numbers))
 
     def rounded(self) -> "Experiment":
-        """The same with voltage, frequency and duty to four digits, as a generator is set."""
+        """The experiment with voltage, frequency and duty to four digits, as a generator is set."""
         return self.with_shape({f: float(f"{n:.4g}") for f, n in self.shape.items()}) if self.shape else self
 
     @property
@@ -155,7 +166,7 @@ class Experiment:
 
     @property
     def conditions(self) -> frozenset[str]:
-        """Under which the study lists what is set for it."""
+        """The conditions under which the study lists what is set for the experiment."""
         return frozenset(condition_name(path, number) for path, number in self.rig)
 
     def record(
@@ -211,7 +222,7 @@ def condition_name(path: str, number: float) -> str:
     return f"{path.replace('.', '_')}={number:.6g}"
 
 
-def completed_limits(study: Study, limits: Limits, misfit: Mapping[str, float]) -> Limits:
+def completed_limits(study: Study, limits: Limits, misfit: Mapping[str, float]) -> CompleteLimits:
     """`limits` with what they leave out as the study's records have it, all numbers checked.
 
     **Arguments:** `misfit` is by how much the residuals of a kind of record exceed its noise; noise that the limits do
@@ -237,15 +248,15 @@ def completed_limits(study: Study, limits: Limits, misfit: Mapping[str, float]) 
     steps = [float(f"{np.min(np.diff(record.time)):.6g}") for record in records]
     lasting = [float(record.time[-1]) for record in records]
     noise = dict(limits.noise) | {k: _noise(k, records, where) * misfit.get(k, 1.0) for k in {*kinds} - {*limits.noise}}
-    out = dataclasses.replace(
-        limits,
-        kinds=kinds,
-        voltage=limits.voltage or _span(peaks, "voltage", where),
-        frequency=limits.frequency or (_span(rates, "frequency", where) if rates else (1.0, 1.0)),
-        interval=limits.interval or _told(steps, min, "interval", where),
-        duration=limits.duration or _told(lasting, max, "duration", where),
-        noise=noise,
-    )
+    found = {
+        "kinds": kinds,
+        "voltage": limits.voltage or _span(peaks, "voltage", where),
+        "frequency": limits.frequency or (_span(rates, "frequency", where) if rates else (1.0, 1.0)),
+        "interval": limits.interval or _from_records(steps, min, "interval", where),
+        "duration": limits.duration or _from_records(lasting, max, "duration", where),
+        "noise": noise,
+    }
+    out = CompleteLimits(**(vars(limits) | found))
     _check(study, out, where)
     return out
 
@@ -255,14 +266,14 @@ def _plannable_waveforms() -> list[str]:
     return [name for name in members("drive") if name != "sampled"]
 
 
-def _told(numbers: list[float], choose: type | object, key: str, where: str) -> float:
+def _from_records(numbers: list[float], choose: Callable[[list[float]], float], key: str, where: str) -> float:
     if not numbers:
         raise InputError(f'{where}: the key "{key}" is missing, and no record of the study tells it.')
-    return float(choose(numbers))  # pyright: ignore[reportCallIssue]
+    return float(choose(numbers))
 
 
 def _span(numbers: list[float], key: str, where: str) -> tuple[float, float]:
-    return _told(numbers, min, key, where), _told(numbers, max, key, where)
+    return _from_records(numbers, min, key, where), _from_records(numbers, max, key, where)
 
 
 def _noise(kind: str, records: Sequence[Record], where: str) -> float:
@@ -277,7 +288,7 @@ def _noise(kind: str, records: Sequence[Record], where: str) -> float:
     return float(np.median(known))
 
 
-def _check(study: Study, limits: Limits, where: str) -> None:
+def _check(study: Study, limits: CompleteLimits, where: str) -> None:
     """**Raises** `InputError` for a number of complete `limits` that is out of range."""
     for key in ("voltage", "frequency"):
         low, high = getattr(limits, key)
@@ -286,7 +297,6 @@ def _check(study: Study, limits: Limits, where: str) -> None:
     for key in ("interval", "duration"):
         if not 0.0 < getattr(limits, key) < math.inf:
             raise InputError(f"{where}: {key}: found {getattr(limits, key):g} s, expected a time above 0.")
-    assert limits.interval is not None and limits.duration is not None
     if limits.interval >= limits.duration:
         raise InputError(f"{where}: interval: found {limits.interval:g} s in records of {limits.duration:g} s.")
     for key in ("noise", "range"):
@@ -304,19 +314,18 @@ def _check(study: Study, limits: Limits, where: str) -> None:
             raise InputError(f'{where}: rig: found "{path}", which is free; expected a parameter with a value.')
         for number in numbers:
             check_range(number, legal[path], f'{where}: rig: "{path}"')
-    if "friction" in (limits.kinds or ()) and not limits.amplitude:
+    if "friction" in limits.kinds and not limits.amplitude:
         raise InputError(f'{where}: the key "amplitude" is missing, expected those of the motion in friction records.')
-    if "force" in (limits.kinds or ()) and "stop.stiffness" not in study.parameters:
+    if "force" in limits.kinds and "stop.stiffness" not in study.parameters:
         raise InputError(f'{where}: kinds: found "force" in a study without "stop.stiffness", expected it listed.')
 
 
-def possible_experiments(study: Study, limits: Limits) -> list[Experiment]:
-    """All experiments that complete `limits` allow, on a few levels of what is continuous."""
-    low, high = limits.frequency or (1.0, 1.0)
-    voltages, frequencies = _levels(*(limits.voltage or (1.0, 1.0))), _levels(low, high)
+def possible_experiments(study: Study, limits: CompleteLimits) -> list[Experiment]:
+    """All experiments that the `limits` allow, on a few levels of what is continuous."""
+    voltages, frequencies = _levels(*limits.voltage), _levels(*limits.frequency)
     rigs = [tuple(zip(limits.rig, numbers, strict=True)) for numbers in itertools.product(*limits.rig.values())]
     found = []
-    for kind in limits.kinds or ():
+    for kind in limits.kinds:
         if kind == "friction":
             motions = itertools.product(limits.amplitude, frequencies)
             found += [Experiment(kind, None, motion, rig) for rig in rigs for motion in motions]
@@ -350,7 +359,7 @@ def _drives(
     frequencies: Sequence[float],
     duties: Sequence[float],
 ) -> list[AbstractDrive]:
-    """The drives of a waveform, what is neither varied nor the study's as in its record of the kind and waveform."""
+    """The drives of a waveform; numbers that are not varied are those of the study's first drive of that waveform."""
     model = member("drive", waveform)
     declared = quantities(model)
     alike = [r.drive for r in study.records if r.drive is not None and type(r.drive) is model]

@@ -74,20 +74,13 @@ def whitened(
     return out
 
 
-def without_zero(
+def record_information(
     columns: Float[np.ndarray, "n q"], times: Float[np.ndarray, " n"], noise: Noise
-) -> Float[np.ndarray, "n q"]:
-    """The whitened `columns` without what a free zero of the record could take up."""
+) -> Float[np.ndarray, "q q"]:
+    """The information of one record on the q unknowns whose Jacobian is `columns`, its zero free."""
     white = whitened(columns, times, noise)
     zero = whitened(np.ones((times.size, 1)), times, noise)[:, 0]
-    return white - np.outer(zero, zero @ white / (zero @ zero))
-
-
-def record_information(
-    columns: Float[np.ndarray, "n q"], times: Float[np.ndarray, " n"], noise: Noise, free_zero: bool = True
-) -> Float[np.ndarray, "q q"]:
-    """The information of one record on the q unknowns whose Jacobian is `columns`, its zero free or known."""
-    white = (without_zero if free_zero else whitened)(columns, times, noise)
+    white = white - np.outer(zero, zero @ white / (zero @ zero))
     return white.T @ white
 
 
@@ -138,9 +131,9 @@ def unseen_combinations(information: Float[np.ndarray, "q q"], paths: Sequence[s
     """
     diagonal = np.diag(information)
     largest = float(np.max(diagonal, initial=0.0))
-    seen = diagonal > NULL_EIGENVALUE * NULL_EIGENVALUE * largest
-    found = [Unseen({path: 1.0}) for path, is_seen in zip(paths, seen, strict=True) if not is_seen]
-    kept = np.flatnonzero(seen)
+    informed = diagonal > NULL_EIGENVALUE * NULL_EIGENVALUE * largest
+    found = [Unseen({path: 1.0}) for path, is_informed in zip(paths, informed, strict=True) if not is_informed]
+    kept = np.flatnonzero(informed)
     if not kept.size:
         return found
     scale = np.sqrt(diagonal[kept])
@@ -148,7 +141,7 @@ def unseen_combinations(information: Float[np.ndarray, "q q"], paths: Sequence[s
     for vector in vectors.T[values <= NULL_EIGENVALUE * values[-1]]:
         direction = vector / scale
         direction = direction / direction[np.argmax(np.abs(direction))]
-        names = [path for path, is_seen in zip(paths, seen, strict=True) if is_seen]
+        names = [path for path, is_informed in zip(paths, informed, strict=True) if is_informed]
         parts = {path: float(e) for path, e in zip(names, direction, strict=True) if abs(e) >= TAKES_PART}
         found.append(Unseen(dict(sorted(parts.items(), key=lambda part: -abs(part[1])))))
     return found

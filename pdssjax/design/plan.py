@@ -19,7 +19,7 @@ FORMAT = "pdssjax-plan/1"
 """The format of the file in which a plan is kept."""
 
 Errors: TypeAlias = dict[str, float]
-"""By path, standard errors [SI]; NaN where nothing determines the parameter."""
+"""Standard errors [SI] by path; NaN where nothing determines the parameter."""
 
 
 @equal_by_value
@@ -85,9 +85,9 @@ def prior_information(study: Study, knowledge: Knowledge, paths: tuple[str, ...]
         information[np.ix_(places, places)] = inverse / np.outer(size, size)
         return information
     for place, path in enumerate(paths):
-        told = study.parameters[path].measured_apart
-        if told is not None:
-            information[place, place] = (slope[path] / told[1]) ** 2
+        prior = study.parameters[path].measured_apart
+        if prior is not None:
+            information[place, place] = (slope[path] / prior[1]) ** 2
     return information
 
 

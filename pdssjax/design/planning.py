@@ -21,12 +21,12 @@ from ..inference import transform_of
 from ..study import Estimate, Study
 from .criteria import CRITERIA, AbstractCriterion, Combinations, Determinant, Discrimination, Prediction, Trace
 from .exchange import Candidates, Search, chosen, promising
-from .experiments import Experiment, Limits, Resources, completed_limits, possible_experiments
+from .experiments import CompleteLimits, Experiment, Limits, Resources, completed_limits, possible_experiments
 from .information import check_seen, inverse_of, least_squares_errors, unseen_combinations
 from .plan import Errors, Knowledge, Plan, PlannedRecord, knowledge_of, prior_information
-from .refinement import Pair, Task, refined
+from .refinement import Pair, Refinement, refined
 from .sampling import Schedule, contact_schedules, possible_schedules
-from .sensitivities import Task as Simulation
+from .sensitivities import Simulation
 from .survey import Point, Survey
 
 DRAWS = 4
@@ -103,7 +103,8 @@ def design_experiment(
     known = knowledge_of(knowledge) if isinstance(knowledge, Estimate) else knowledge
     known = known or Knowledge({})
     study, known = _with_numbers(study, known)
-    aim = _checked_aim(study, aim or _aim_of(known))
+    # Without an aim: the parameters whose intervals are open by the estimate's profiles.
+    aim = _checked_aim(study, aim or (Aim("parameter", known.open) if known.open else Aim()))
     limits = completed_limits(study, limits or Limits(), known.misfit)
     _check_budget(study, budget, limits)
     request = _Request(study, known, aim, limits, budget, count_known, draws, seed, refine, report)
@@ -111,10 +112,12 @@ def design_experiment(
 
 
 class _Request(NamedTuple):
+    """The arguments of `design_experiment`, complete and checked."""
+
     study: Study
     knowledge: Knowledge
     aim: Aim
-    limits: Limits
+    limits: CompleteLimits
     budget: Resources
     count_known: bool
     draws: int
@@ -146,11 +149,6 @@ def _with_numbers(study: Study, known: Knowledge) -> tuple[Study, Knowledge]:
     return study, dataclasses.replace(known, values=dict(study.values()))
 
 
-def _aim_of(known: Knowledge) -> Aim:
-    """The aim that an estimate's profiles suggest: the parameters whose intervals are open."""
-    return Aim("parameter", known.open) if known.open else Aim()
-
-
 def _checked_aim(study: Study, aim: Aim) -> Aim:
     if aim.criterion not in CRITERIA:
         raise InputError(f'criterion: found "{aim.criterion}"; {nearest(aim.criterion, CRITERIA)}')
@@ -165,7 +163,7 @@ def _checked_aim(study: Study, aim: Aim) -> Aim:
     return aim
 
 
-def _check_budget(study: Study, budget: Resources, limits: Limits) -> None:
+def _check_budget(study: Study, budget: Resources, limits: CompleteLimits) -> None:
     where = f"{study.path or study.title}: design: budget"
     if budget.records < 1 or budget.samples < 8 * budget.records:
         raise InputError(
@@ -196,22 +194,23 @@ def _planned(request: _Request) -> Plan:
     prior = _prior(request, survey)
     first = _candidates(request, survey, pairs, [0])
     notes = _check_determined(request, survey, prior + first.information.sum(axis=0)[0])
-    notes += _skipped(len(experiments) - len(usable))
+    if skipped := len(experiments) - len(usable):
+        notes.append(
+            f"{skipped} experiments were left out: they could not be simulated, or exceed the range of the sensor."
+        )
     search = Search(_criterion(request, survey, points[:1], walk), prior[None], request.budget.amounts)
     request.report(f"choosing among {len(pairs)} records")
     kept = [pairs[i] for i in promising(first, search, KEPT)]
-    numbers = range(len(points))
     some = list(dict.fromkeys(experiment for experiment, _ in kept))
     survey.simulate(some, dict(enumerate(points)), _counted(request.report, "simulating under other parameters"))
     search = Search(
         _criterion(request, survey, points, walk), np.repeat(prior[None], len(points), axis=0), request.budget.amounts
     )
     request.report(f"choosing among {len(kept)} records under {len(points)} sets of parameters")
-    candidates = _candidates(request, survey, kept, list(numbers))
+    candidates = _candidates(request, survey, kept, list(range(len(points))))
     plan = [kept[i] for i in chosen(candidates, search)]
     if request.refine:
-        task = Task(survey, search, points, lambda *pair: _takes(request, *pair), request.report)
-        plan = refined(task, plan)
+        plan = refined(Refinement(survey, search, points, lambda *pair: _takes(request, *pair), request.report), plan)
     request.report("computing what the plan promises")
     return _finished(request, survey, search, points, plan, len(pairs), notes)
 
@@ -224,14 +223,11 @@ def _counted(report: Callable[[str], None], what: str) -> Callable[[int, int], N
 def _in_range(survey: Survey, experiment: Experiment, point: Point) -> bool:
     """Whether the sensor can see all of an experiment's motion; of a walk, of the cycles that are simulated."""
     most = survey.limits.range.get(experiment.kind)
-    if most is None:
-        return True
-    return survey.extent(experiment, point) <= most
+    return most is None or survey.extent(experiment, point) <= most
 
 
 def _schedules(request: _Request, experiment: Experiment) -> list[Schedule]:
     limits, budget = request.limits, request.budget
-    assert limits.interval is not None and limits.duration is not None
     share = budget.samples / budget.records
     if experiment.motion is not None:
         assert experiment.period is not None
@@ -319,11 +315,11 @@ def _criterion(request: _Request, survey: Survey, points: Sequence[Point], walk:
     assert aim.speed_at is not None
     period = 1.0 / aim.speed_at[1]
     times = np.array([(_CYCLES - 1) * period, _CYCLES * period])
-    seen = survey.own.responses([Simulation(walk[0], times, point.free) for point in points])
-    steps = [float(np.diff(response.predicted)[0]) for response in seen]
+    responses = survey.own.responses([Simulation(walk[0], times, point.free) for point in points])
+    steps = [float(np.diff(response.predicted)[0]) for response in responses]
     if not all(np.isfinite(step) and step != 0.0 for step in steps):
         raise InputError(f"{request.where}: found no speed at {aim.speed_at[0]:g} V and {aim.speed_at[1]:g} Hz.")
-    rows = [np.diff(response.jacobian, axis=0) / step for response, step in zip(seen, steps, strict=True)]
+    rows = [np.diff(response.jacobian, axis=0) / step for response, step in zip(responses, steps, strict=True)]
     return Prediction(np.array(rows), f"the speed at {aim.speed_at[0]:g} V and {aim.speed_at[1]:g} Hz")
 
 
@@ -352,12 +348,6 @@ def _check_determined(request: _Request, survey: Survey, whole: Float[np.ndarray
     return [f"No experiment within the limits changes with {combination.words}." for combination in unseen]
 
 
-def _skipped(count: int) -> list[str]:
-    if not count:
-        return []
-    return [f"{count} experiments were left out: they could not be simulated, or exceed the range of the sensor."]
-
-
 def _finished(
     request: _Request,
     survey: Survey,
@@ -368,7 +358,7 @@ def _finished(
     notes: list[str],
 ) -> Plan:
     """The plan with what it promises, at its own samples."""
-    plan = sorted(plan, key=lambda pair: (request.limits.kinds or ()).index(pair[0].kind))
+    plan = sorted(plan, key=lambda pair: request.limits.kinds.index(pair[0].kind))
     plan = [(experiment.rounded(), schedule.rounded()) for experiment, schedule in plan]
     information = survey.exact_information(plan, points)
     together = information.sum(axis=0)
@@ -378,8 +368,8 @@ def _finished(
     study, paths = request.study, survey.own.paths
     alone = unseen_combinations(mine, paths)
     if alone:
-        told = "; ".join(combination.words for combination in alone)
-        notes = [*notes, f"The records of the plan alone do not tell {told}: fit them together with what is known."]
+        named = "; ".join(combination.words for combination in alone)
+        notes = [*notes, f"The records of the plan alone do not tell {named}: fit them together with what is known."]
     records = tuple(
         PlannedRecord(
             f"{number} {experiment.name}",
@@ -392,7 +382,7 @@ def _finished(
     )
     errors = lambda matrix: _errors(request, paths, matrix)
     after, by_itself = errors(prior + mine), errors(mine)
-    by_identify = lambda told: _errors_of_identify(request, survey, points[0], plan, told)
+    identified = _errors_of_identify(request, survey, points[0], plan, [np.zeros_like(prior), prior])
     return Plan(
         study=study,
         knowledge=request.knowledge,
@@ -403,8 +393,8 @@ def _finished(
         before=errors(prior),
         alone=by_itself,
         after=after,
-        alone_identify=by_identify(np.zeros_like(prior)) or by_itself,
-        after_identify=by_identify(prior) or after,
+        alone_identify=identified[0] or by_itself,
+        after_identify=identified[1] or after,
         value=value,
         value_before=_value_before(search),
         notes=tuple(notes),
@@ -455,16 +445,20 @@ def _in_si(request: _Request, paths: Sequence[str], variances: Float[np.ndarray,
 
 
 def _errors_of_identify(
-    request: _Request, survey: Survey, point: Point, plan: Sequence[Pair], prior: Float[np.ndarray, "p p"]
-) -> Errors | None:
-    """Standard errors [SI] of ordinary least squares; None where the noise is white, which makes them the same."""
+    request: _Request,
+    survey: Survey,
+    point: Point,
+    plan: Sequence[Pair],
+    priors: Sequence[Float[np.ndarray, "p p"]],
+) -> list[Errors | None]:
+    """Standard errors [SI] of ordinary least squares with each of the `priors`.
+
+    None where the noise is white, which makes them those of the plan, or where not all parameters are determined.
+    """
     if not any(survey.noise(experiment.kind).correlation_time for experiment, _ in plan):
-        return None
-    times = [schedule.times(experiment.period) for experiment, schedule in plan]
-    asked = [(e, point, np.maximum(t, 0.0)) for (e, _), t in zip(plan, times, strict=True)]
-    own = len(survey.own.paths)
-    columns = [np.where(t[:, None] < 0.0, 0.0, c[:, :own]) for t, c in zip(times, survey.columns(asked), strict=True)]
-    records = [(c, t, survey.noise(e.kind)) for c, t, (e, _) in zip(columns, times, plan, strict=True)]
-    if unseen_combinations(prior + sum(c.T @ (c - c.mean(axis=0)) for c in columns), survey.own.paths):
-        return None
-    return _in_si(request, survey.own.paths, np.diag(least_squares_errors(records, prior)))
+        return [None for _ in priors]
+    paths = survey.own.paths
+    records = [(c[:, : len(paths)], t, survey.noise(e.kind)) for e, t, c in survey.exact_columns(plan, [point])]
+    information = sum(columns.T @ (columns - columns.mean(axis=0)) for columns, _, _ in records)
+    errors = lambda prior: _in_si(request, paths, np.diag(least_squares_errors(records, prior)))
+    return [None if unseen_combinations(prior + information, paths) else errors(prior) for prior in priors]

@@ -1,4 +1,4 @@
-"""What is continuous in a plan: windows and intervals of the samples, voltages, frequencies and duties.
+"""Refinement of what is continuous in a plan: windows and intervals of the samples, voltages, frequencies and duties.
 
 The sampling of each record is improved by a local search, and blocks of samples move from the record that misses them
 least to the one that gains most.  Voltages, frequencies and duties follow the gradient of the criterion within their
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .exchange import Search
-from .experiments import Experiment, Limits
+from .experiments import CompleteLimits, Experiment
 from .sampling import FEWEST_SAMPLES, Schedule, improved_schedule
 from .survey import Point, Survey
 
@@ -33,7 +33,7 @@ _EVALUATIONS = 8
 """Largest number of evaluations of the criterion and its gradient."""
 
 
-class Task(NamedTuple):
+class Refinement(NamedTuple):
     """The data of a refinement."""
 
     survey: Survey
@@ -48,7 +48,7 @@ class Task(NamedTuple):
         return range(len(self.points))
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> CompleteLimits:
         """Limits of rig, sensor and recorder."""
         return self.survey.limits
 
@@ -64,58 +64,58 @@ class Task(NamedTuple):
     def fits(self, pair: Pair, others: Sequence[Pair]) -> bool:
         """Whether the recorder can take a record, and the budget has room for it beside the others."""
         experiment, schedule = pair
-        if not schedule.fits(experiment.period, self.limits.interval or 0.0, self.limits.duration or np.inf):
+        if not schedule.fits(experiment.period, self.limits.interval, self.limits.duration):
             return False
         taken = sum((self.takes(*other) for other in others), np.zeros_like(self.search.budget))
         return bool(np.all(taken + self.takes(*pair) <= self.search.budget * (1 + 1e-9)))
 
 
-def refined(task: Task, plan: Sequence[Pair]) -> list[Pair]:
+def refined(data: Refinement, plan: Sequence[Pair]) -> list[Pair]:
     """The plan with better windows and drives, within the same budget."""
-    best = _with_blocks_moved(task, _with_better_windows(task, list(plan)))
-    task.report("refining voltages and frequencies")
-    moved = _with_better_drives(task, best)
+    best = _with_blocks_moved(data, _with_better_windows(data, list(plan)))
+    data.report("refining voltages and frequencies")
+    moved = _with_better_drives(data, best)
     if moved != best:
-        task.survey.simulate([e for e, _ in moved], dict(enumerate(task.points)), lambda done, count: None)
-        moved = _with_blocks_moved(task, _with_better_windows(task, moved))
-        exact = lambda pairs: task.value(task.survey.exact_information(pairs, task.points).sum(axis=0))
+        data.survey.simulate([e for e, _ in moved], dict(enumerate(data.points)), lambda done, count: None)
+        moved = _with_blocks_moved(data, _with_better_windows(data, moved))
+        exact = lambda pairs: data.value(data.survey.exact_information(pairs, data.points).sum(axis=0))
         best = moved if exact(moved) < exact(best) else best
     return best
 
 
-def _with_better_windows(task: Task, plan: list[Pair]) -> list[Pair]:
+def _with_better_windows(data: Refinement, plan: list[Pair]) -> list[Pair]:
     """The plan after a local search of each record's sampling, one after the other."""
     for place, (experiment, schedule) in enumerate(plan):
         if experiment.motion is not None:
             continue
         others = plan[:place] + plan[place + 1 :]
-        rest = sum((task.information(other) for other in others), np.zeros_like(task.search.prior))
-        task.report(f"refining the samples of record {place + 1} of {len(plan)}")
+        rest = sum((data.information(other) for other in others), np.zeros_like(data.search.prior))
+        data.report(f"refining the samples of record {place + 1} of {len(plan)}")
         better, _ = improved_schedule(
             schedule,
-            task.limits.interval or schedule.interval,
-            lambda other, e=experiment, o=others: task.fits((e, other), o),
-            lambda other, e=experiment, r=rest: task.value(r + task.information((e, other))),
+            data.limits.interval,
+            lambda other, e=experiment, o=others: data.fits((e, other), o),
+            lambda other, e=experiment, r=rest: data.value(r + data.information((e, other))),
         )
         plan = [*plan[:place], (experiment, better), *plan[place + 1 :]]
     return plan
 
 
-def _with_blocks_moved(task: Task, plan: list[Pair]) -> list[Pair]:
+def _with_blocks_moved(data: Refinement, plan: list[Pair]) -> list[Pair]:
     """The plan after blocks of samples moved from record to record, as long as that improves it."""
-    known = [task.information(pair) for pair in plan]
-    least = task.value(sum(known, np.zeros_like(task.search.prior)))
+    known = [data.information(pair) for pair in plan]
+    least = data.value(sum(known, np.zeros_like(data.search.prior)))
     for part in BLOCKS:
         improved = True
         while improved:
             improved = False
             for giver, taker in itertools.permutations(range(len(plan)), 2):
                 trial = _moved(plan, giver, taker, part)
-                if trial is None or not all(task.fits(trial[i], trial[:i] + trial[i + 1 :]) for i in (giver, taker)):
+                if trial is None or not all(data.fits(trial[i], trial[:i] + trial[i + 1 :]) for i in (giver, taker)):
                     continue
                 new = list(known)
-                new[giver], new[taker] = task.information(trial[giver]), task.information(trial[taker])
-                value = task.value(sum(new, np.zeros_like(task.search.prior)))
+                new[giver], new[taker] = data.information(trial[giver]), data.information(trial[taker])
+                value = data.value(sum(new, np.zeros_like(data.search.prior)))
                 if value < least - 1e-6:
                     plan, known, least, improved = trial, new, value, True
     return plan
@@ -140,18 +140,18 @@ def is_locked(pair: Pair) -> bool:
     return schedule.windows > 1 or schedule.length < (experiment.period or np.inf)
 
 
-def _with_better_drives(task: Task, plan: list[Pair]) -> list[Pair]:
+def _with_better_drives(data: Refinement, plan: list[Pair]) -> list[Pair]:
     """The plan with voltages, frequencies and duties where the criterion is least nearby."""
     from scipy.optimize import minimize  # takes a while to load
 
-    ends = {"voltage": task.limits.voltage, "frequency": task.limits.frequency}
-    if task.limits.duty:
-        ends["duty"] = min(task.limits.duty), max(task.limits.duty)
+    ends = {"voltage": data.limits.voltage, "frequency": data.limits.frequency}
+    if data.limits.duty:
+        ends["duty"] = min(data.limits.duty), max(data.limits.duty)
     free = [
         (place, field, low, high)
         for place, (experiment, _) in enumerate(plan)
         for field in experiment.shape
-        for low, high in [ends.get(field) or (1.0, 1.0)]
+        for low, high in [ends.get(field, (1.0, 1.0))]
         if low < high and (field != "frequency" or is_locked(plan[place]))
     ]
     if not free:
@@ -169,15 +169,15 @@ def _with_better_drives(task: Task, plan: list[Pair]) -> list[Pair]:
         here = at(x)
         steps = np.where(x + STEP <= highs, STEP, -STEP)
         moved = [at(x + steps * (np.arange(x.size) == i))[place] for i, (place, *_) in enumerate(free)]
-        found = task.survey.exact_information([*here, *moved], task.points)
+        found = data.survey.exact_information([*here, *moved], data.points)
         known = found[: len(here)].sum(axis=0)
-        value, slope = task.value(known), np.zeros(x.size)
+        value, slope = data.value(known), np.zeros(x.size)
         for i, (place, *_) in enumerate(free):
-            changed = task.value(known - found[place] + found[len(here) + i])
+            changed = data.value(known - found[place] + found[len(here) + i])
             slope[i] = (changed - value) / steps[i]
         return (value, slope) if np.isfinite(value) and np.isfinite(slope).all() else (1e9, np.zeros(x.size))
 
-    allowed = lambda pairs: all(task.fits(pair, pairs[:i] + pairs[i + 1 :]) for i, pair in enumerate(pairs))
+    allowed = lambda pairs: all(data.fits(pair, pairs[:i] + pairs[i + 1 :]) for i, pair in enumerate(pairs))
     found = minimize(
         value_and_slope,
         np.clip(start, lows, highs),

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core import check_kind
 from ..inference import identify
-from ..study import Estimate, Record, Recording, Study, make_recordings
+from ..study import Estimate, Recording, Study, make_recordings
 from .information import Noise
 from .plan import Errors, Plan
 
@@ -53,7 +53,8 @@ def rehearse(plan: Plan, seed: int = 0, progress: Callable[[str], None] | None =
     rig = plan.with_rig
     counts_on_records = any(np.isfinite(error) for error in plan.before.values())
     so_far = [r for r in plan.study.records if counts_on_records and r.role == "fit" and np.any(r.measured)]
-    so_far = [r if r.noise is not None else dataclasses.replace(r, noise=_noise_of(plan, r)) for r in so_far]
+    noise = plan.limits.noise
+    so_far = [r if r.noise is not None else dataclasses.replace(r, noise=noise.get(r.measures, 0.0)) for r in so_far]
     planned = [each.record(rig) for each in plan.records]
     study = dataclasses.replace(rig, records=(*so_far, *planned))
     report("making the records on the virtual rig")
@@ -62,10 +63,6 @@ def rehearse(plan: Plan, seed: int = 0, progress: Callable[[str], None] | None =
     estimate = identify(measured, progress=report)
     promised = plan.after_identify if counts_on_records and so_far else plan.alone_identify
     return Rehearsal(tuple(made), estimate, promised)
-
-
-def _noise_of(plan: Plan, record: Record) -> float:
-    return plan.limits.noise.get(record.measures, 0.0)
 
 
 def _coloured(plan: Plan, recording: Recording, seed: int) -> Recording:

@@ -16,6 +16,7 @@ _SAMPLES = 1000
 """Samples of each record that a rival is fitted to where the study has none."""
 
 _CYCLES = 3
+"""Cycles of each of these records at most."""
 
 
 def with_law(study: Study, law: str) -> Study:
@@ -77,7 +78,6 @@ def fitted_rival(
 def _made(study: Study, limits: Limits) -> list[Record]:
     """A few records of the study's own law, with noise and zeros."""
     complete = completed_limits(study, limits, {})
-    assert complete.interval is not None and complete.duration is not None
     records = []
     for number, experiment in enumerate(_few(possible_experiments(study, complete))):
         end = complete.duration if experiment.period is None else min(_CYCLES * experiment.period, complete.duration)

@@ -79,7 +79,7 @@ class Schedule:
         return np.ravel(self.begins(period)[:, None] + self.interval * np.arange(self.samples))
 
     def rounded(self) -> "Schedule":
-        """The same with the first sample at a whole number of tenths of a microsecond."""
+        """The schedule with its first sample at a whole number of tenths of a microsecond."""
         return dataclasses.replace(self, lead=round(self.lead, 7), interval=float(f"{self.interval:.9g}"))
 
     def list_windows(self, period: float | None) -> list[Window]:
@@ -129,7 +129,7 @@ def possible_schedules(
 
 
 def contact_schedules(period: float, share: float, most: int, finest: float, duration: float) -> list[Schedule]:
-    """The same of a contact under a prescribed motion, which is known at the samples only: even, from its start on."""
+    """Schedules of a contact under a prescribed motion, which is known at the samples only: even, from its start on."""
     counts = dict.fromkeys(min(max(round(part * share), FEWEST_SAMPLES), most) for part in PARTS)
     spans = [cycles * period for cycles in (1, 2, 4) if cycles * period <= duration]
     made = [Schedule(0, 1, 0.0, n, finest * max(1, int(span / n / finest)), 1) for n in counts for span in spans]

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..study import Study
-from .experiments import Experiment, Limits
+from .experiments import CompleteLimits, Experiment
 from .information import Noise, record_information
 from .sampling import Grid, Schedule
-from .sensitivities import Response, Sensitivities, Task
+from .sensitivities import Response, Sensitivities, Simulation
 
 _LEAST_LANE = 400
 """Sample times of a lane at least."""
@@ -27,15 +27,14 @@ class Point:
     free: Float[np.ndarray, " p"]
     """The study's free parameters on the fit's scale."""
     rival: Float[np.ndarray, " r"] | None = None
-    """The rival's."""
+    """The rival's free parameters on the scale of its fit."""
 
 
 class Survey:
-    """Simulates experiments of a study, and of a rival study with another law, and keeps what they show."""
+    """Simulates experiments of a study, and of a rival study with another law, and keeps their derivatives."""
 
-    def __init__(self, study: Study, rival: Study | None, limits: Limits, experiments: Sequence[Experiment]):
+    def __init__(self, study: Study, rival: Study | None, limits: CompleteLimits, experiments: Sequence[Experiment]):
         self.limits = limits
-        self.experiments = list(experiments)
         ringing = study.values().get("piezo.natural_frequency")
         self.ringing = None if ringing is None else float(ringing)
         self._grids = {experiment: self._new_grid(experiment) for experiment in experiments}
@@ -43,12 +42,8 @@ class Survey:
         for experiment, grid in self._grids.items():
             sizes[experiment.group] = max(sizes.get(experiment.group, _LEAST_LANE), grid.times.size)
         self.sizes = sizes
-        self.own = Sensitivities(study, experiments, sizes)
-        self.rival = None if rival is None else Sensitivities(rival, experiments, sizes)
-        pairs = list(self._grids.items())
-        for sensitivities in (self.own, self.rival):
-            if sensitivities is not None:
-                sensitivities.prepare(limits, pairs)
+        self.own = Sensitivities(study, limits, self._grids, sizes)
+        self.rival = None if rival is None else Sensitivities(rival, limits, self._grids, sizes)
         self._columns: dict[tuple[Experiment, int], Float[np.ndarray, "m q"]] = {}
 
     @property
@@ -57,7 +52,7 @@ class Survey:
         return len(self.own.paths) + (0 if self.rival is None else len(self.rival.paths) + 1)
 
     def _new_grid(self, experiment: Experiment) -> Grid:
-        return experiment.grid(self.ringing, self.limits.interval or 1e-3, self.limits.duration or 1.0)
+        return experiment.grid(self.ringing, self.limits.interval, self.limits.duration)
 
     def grid(self, experiment: Experiment) -> Grid:
         """The dense grid of an experiment."""
@@ -74,25 +69,24 @@ class Survey:
     ) -> None:
         """Simulate the `experiments` on their grids at all `points`, by their number, as far as that is not done."""
         pairs = [(e, k) for k in points for e in experiments if (e, k) not in self._columns]
-        asked = [(e, points[k], self.grid(e).times) for e, k in pairs]
-        for pair, columns in zip(pairs, self.columns(asked, progress), strict=True):
+        requests = [(e, points[k], self.grid(e).times) for e, k in pairs]
+        for pair, columns in zip(pairs, self.columns(requests, progress), strict=True):
             self._columns[pair] = columns
 
     def columns(
         self,
-        asked: Sequence[tuple[Experiment, Point, Float[np.ndarray, " m"]]],
+        requests: Sequence[tuple[Experiment, Point, Float[np.ndarray, " m"]]],
         progress: Callable[[int, int], None] | None = None,
     ) -> list[Float[np.ndarray, "m q"]]:
         """The Jacobian of each experiment at a point and times; with a rival [J, J_rival, difference].
 
         Not finite where a simulation fails.
         """
-        own = _in_pieces(self.own, [Task(e, t, point.free) for e, point, t in asked], self.sizes, progress)
+        own = _in_pieces(self.own, [Simulation(e, t, point.free) for e, point, t in requests], self.sizes, progress)
         if self.rival is None:
             return [response.jacobian for response in own]
-        wanted = [(e, t, point.rival) for e, point, t in asked]
-        tasks = [Task(e, t, free) for e, t, free in wanted if free is not None]
-        other = _in_pieces(self.rival, tasks, self.sizes, None)
+        simulations = [Simulation(e, t, p.rival) for e, p, t in requests if p.rival is not None]
+        other = _in_pieces(self.rival, simulations, self.sizes, None)
         return [
             np.column_stack([mine.jacobian, theirs.jacobian, mine.predicted - theirs.predicted])
             for mine, theirs in zip(own, other, strict=True)
@@ -100,8 +94,8 @@ class Survey:
 
     def extent(self, experiment: Experiment, point: Point) -> float:
         """Range of the measured quantity in the cycles of the grid, in its unit."""
-        (seen,) = self.own.responses([Task(experiment, self.grid(experiment).times, point.free)])
-        return float(np.ptp(seen.predicted))
+        (response,) = self.own.responses([Simulation(experiment, self.grid(experiment).times, point.free)])
+        return float(np.ptp(response.predicted))
 
     def is_simulated(self, experiment: Experiment, number: int = 0) -> bool:
         """Whether an experiment could be simulated at a point of that number."""
@@ -122,37 +116,48 @@ class Survey:
                 out[place] = record_information(columns, times, self.noise(experiment.kind))
         return out
 
+    def exact_columns(
+        self, records: Sequence[tuple[Experiment, Schedule]], points: Sequence[Point]
+    ) -> list[tuple[Experiment, Float[np.ndarray, " n"], Float[np.ndarray, "n q"]]]:
+        """Experiment, times and `columns` of each of the `records` at each of the `points`, at their own samples."""
+        times = [schedule.times(experiment.period) for experiment, schedule in records]
+        requests = [(e, point, t) for (e, _), t in zip(records, times, strict=True) for point in points]
+        columns = self.columns([(e, point, np.maximum(t, 0.0)) for e, point, t in requests])
+        # Before the drive begins nothing depends on the parameters.
+        return [
+            (e, t, np.where(t[:, None] < 0.0, 0.0, each)) for (e, _, t), each in zip(requests, columns, strict=True)
+        ]
+
     def exact_information(
         self, records: Sequence[tuple[Experiment, Schedule]], points: Sequence[Point]
     ) -> Float[np.ndarray, "records draws q q"]:
         """The information of `records` at all `points`, simulated at their own samples."""
-        times = [schedule.times(experiment.period) for experiment, schedule in records]
-        asked = [(e, point, t) for (e, _), t in zip(records, times, strict=True) for point in points]
-        columns = self.columns([(e, point, np.maximum(t, 0.0)) for e, point, t in asked])
-        found = []
-        for (experiment, _, t), each in zip(asked, columns, strict=True):
-            each = np.where(t[:, None] < 0.0, 0.0, each)
-            finite = bool(np.isfinite(each).all())
-            noise = self.noise(experiment.kind)
-            found.append(record_information(each, t, noise) if finite else np.zeros((self.size, self.size)))
+        found = [
+            record_information(columns, times, self.noise(experiment.kind))
+            if np.isfinite(columns).all()
+            else np.zeros((self.size, self.size))
+            for experiment, times, columns in self.exact_columns(records, points)
+        ]
         return np.array(found).reshape(len(records), len(points), self.size, self.size)
 
 
 def _in_pieces(
     sensitivities: Sensitivities,
-    tasks: Sequence[Task],
+    simulations: Sequence[Simulation],
     sizes: Mapping[tuple[str, str], int],
     progress: Callable[[int, int], None] | None,
 ) -> list[Response]:
-    """The responses to `tasks` that may have more times than a lane: each is simulated in as many lanes as it takes."""
-    pieces: list[Task] = []
+    """The responses to `simulations` that may have more times than a lane: each takes as many lanes as it needs."""
+    pieces: list[Simulation] = []
     counts: list[int] = []
-    for task in tasks:
-        size = sizes[task.experiment.group]
-        parts = [task.times[i : i + size] for i in range(0, task.times.size, size)]
-        if task.experiment.drive is None and len(parts) > 1:  # a prescribed motion is known at its own samples only
-            parts = [task.times[:: -(-task.times.size // size)]]
-        pieces += [task._replace(times=part) for part in parts]
+    for simulation in simulations:
+        size = sizes[simulation.experiment.group]
+        parts = [simulation.times[i : i + size] for i in range(0, simulation.times.size, size)]
+        if (
+            simulation.experiment.drive is None and len(parts) > 1
+        ):  # a prescribed motion is known at its own samples only
+            parts = [simulation.times[:: -(-simulation.times.size // size)]]
+        pieces += [simulation._replace(times=part) for part in parts]
         counts.append(len(parts))
     responses = iter(sensitivities.responses(pieces, progress))
     out = []

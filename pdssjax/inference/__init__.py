@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .beyond_noise import repeats as repeats
-    from .covariance import least_squares_covariance as least_squares_covariance, propagated as propagated
+    from .covariance import least_squares_covariance as least_squares_covariance
     from .draws import Drawing as Drawing, Store as Store
     from .effort import EFFORTS as EFFORTS, Effort as Effort, effort_of as effort_of
-    from .evidence import Evidence as Evidence
+    from .evidence import Evidence as Evidence, zero_columns as zero_columns
     from .identification import (
         FitInterrupted as FitInterrupted,
         Intervals as Intervals,

@@ -1,4 +1,4 @@
-"""Whether what a fit leaves of a record is more than its noise.
+"""Tests whether the residuals of a record are more than its noise.
 
 Where the noise is given, residuals are judged by chi-square.  Where it is not, it is estimated from the residuals, and
 chi-square is their number whatever the fit; the witness then is the scatter of second differences
@@ -15,10 +15,10 @@ from ..metrics import lack_of_fit, neighbour_scatter, rounding_of_counts, uneven
 from ..study import FittedRecord
 
 EXCESS = 1.2
-"""Chi-square per degree of freedom below which an excess is not worth a word, however certain it is."""
+"""Chi-square per degree of freedom below which an excess is not worth a note, however certain it is."""
 
 ABOVE_FLOOR = 1.1
-"""The same for residuals against the noise floor, as a ratio of standard deviations: the root of `EXCESS`."""
+"""Residuals over the noise floor, as standard deviations, not worth a note below: the root of `EXCESS`."""
 
 FEWEST_SAMPLES = 50
 """Samples from which second differences are a witness."""
@@ -35,31 +35,35 @@ def highest_by_chance(freedom: float) -> float:
 
     The cube root of chi-square is nearly normal: E. B. Wilson and M. M. Hilferty, PNAS 17(12), 1931.
     """
-    spread = 2.0 / (9.0 * max(freedom, 1.0))
-    return float((1.0 - spread + SIGNIFICANT * np.sqrt(spread)) ** 3)
+    return _reduced_chi2(freedom, SIGNIFICANT)
 
 
 def lowest_by_chance(freedom: float) -> float:
     """Lower limit of chi-square per degree of freedom by chance."""
+    return _reduced_chi2(freedom, -SIGNIFICANT)
+
+
+def _reduced_chi2(freedom: float, deviate: float) -> float:
+    """Chi-square per degree of freedom at a normal `deviate`; 0 where there is none so low."""
     spread = 2.0 / (9.0 * max(freedom, 1.0))
-    return float(max(1.0 - spread - SIGNIFICANT * np.sqrt(spread), 0.0) ** 3)
+    return float(max(1.0 - spread + deviate * np.sqrt(spread), 0.0) ** 3)
 
 
 def largest_by_chance(record: FittedRecord) -> float:
-    """Chi-square per degree of freedom of a record whose noise is given, from which it is worth a word."""
+    """Chi-square per degree of freedom of a record whose noise is given, from which it is worth a note."""
     return max(EXCESS, highest_by_chance(_freedom(record)))
 
 
 def exceeds_given_noise(record: FittedRecord) -> bool:
-    """Chi-square against the noise given is beyond both chance and `EXCESS`; False where none is given.
+    """Whether chi-square of the samples that do not stand out is beyond chance and `EXCESS` by the noise given.
 
-    Of the samples that do not stand out.
+    False where no noise is given.
     """
     return record.rest_chi2 > largest_by_chance(record)
 
 
 def stays_below_given_noise(record: FittedRecord) -> bool:
-    """Chi-square against the noise given is too small for chance, and for `EXCESS` the other way."""
+    """Whether chi-square by the noise given is too small for chance and below 1 / `EXCESS`."""
     return record.reduced_chi2 < min(1.0 / EXCESS, lowest_by_chance(_freedom(record)))
 
 
@@ -77,29 +81,27 @@ def above_floor(record: FittedRecord) -> float:
 
 
 def exceeds_floor(record: FittedRecord) -> bool:
-    """Residuals exceed the noise floor beyond chance and `ABOVE_FLOOR`, and cannot be coloured noise.
+    """Whether residuals exceed the noise floor beyond chance and `ABOVE_FLOOR`, and cannot be coloured noise.
 
-    Never said of fewer than `FEWEST_SAMPLES` samples.
-
-    Of white noise it is 1 with a standard deviation of 0.8/sqrt(samples), and 4.8/sqrt(samples) above
-    1 at most in thousands of trials, since its upper tail is long.
+    False of fewer than `FEWEST_SAMPLES` samples.  Of white noise the ratio is 1 with a standard deviation of
+    0.8/sqrt(samples), and 4.8/sqrt(samples) above 1 at most in thousands of trials, since its upper tail is long.
     """
     least = max(ABOVE_FLOOR, 1.0 + 1.2 * SIGNIFICANT / np.sqrt(record.samples))
     return record.samples >= FEWEST_SAMPLES and above_floor(record) > least and not could_be_noise(record)
 
 
 def could_be_noise(record: FittedRecord) -> bool:
-    """Residuals do not repeat, and are as large along all of a record, as noise is, whatever its colour."""
+    """Whether residuals may be noise of any colour: they do not repeat, and are as large along all of a record."""
     return not repeats(record) and unevenness(record.rest, record.time) <= SIGNIFICANT
 
 
 def exceeds_noise(record: FittedRecord) -> bool:
-    """Residuals are beyond the noise given, or where none is beyond that seen between neighbouring samples."""
+    """Whether residuals exceed the noise given, or where none is that between neighbouring samples."""
     return exceeds_given_noise(record) or (record.noise_estimated and exceeds_floor(record))
 
 
 def outliers_explain(record: FittedRecord) -> bool:
-    """Residuals exceed the noise, but those of the samples that do not stand out do not."""
+    """Whether residuals exceed the noise, but those of the samples that do not stand out do not."""
     whole = dataclasses.replace(record, outliers=record.outliers[:0], undisturbed=None)
     return record.outliers.size > 0 and exceeds_noise(whole) and not exceeds_noise(record)
 
@@ -141,7 +143,7 @@ def rest_scatter(record: FittedRecord) -> float:
 
 
 def repeats(record: FittedRecord) -> bool:
-    """Residuals that are large enough to tell repeat from cycle to cycle beyond chance: the model's misfit.
+    """Whether residuals that are large enough to tell repeat from cycle to cycle beyond chance, as a misfit does.
 
     With outliers, the residuals of a fit without them have to repeat, too: outliers pull the fit alike in every cycle.
     """

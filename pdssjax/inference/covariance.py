@@ -8,7 +8,7 @@ that value vanishes, is left out, and the parameters that take part in it have n
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 NO_INFORMATION = 1e-8
 """Relative singular value below which a direction of the parameters leaves the residuals alone."""
@@ -50,9 +50,23 @@ def least_squares_covariance(jacobian: Float[np.ndarray, "n p"], held: Bool[np.n
         rows = rows / norms[kept]
         inverse = rows[~undetermined] / singular[~undetermined, None]
         matrix[np.ix_(kept, kept)] = inverse.T @ inverse
-        matrix[~identifiable] = np.nan
-        matrix[:, ~identifiable] = np.nan
+        set_unknown(matrix, ~identifiable)
     return Covariance(matrix, identifiable, null)
+
+
+def set_unknown(matrix: Float[np.ndarray, "p p"], unknown: Bool[np.ndarray, " p"]) -> None:
+    """Set the rows and columns of `unknown` parameters in a covariance to NaN."""
+    matrix[unknown] = np.nan
+    matrix[:, unknown] = np.nan
+
+
+def scaled_least_squares(
+    columns: Float[np.ndarray, "n k"], target: Float[np.ndarray, "n *m"], rcond: float | None = None
+) -> Float[np.ndarray, "k *m"]:
+    """The least-squares solution x of `columns` x = `target`, by columns of unit norm; 0 for a column of zeros."""
+    norms = np.linalg.norm(columns, axis=0)
+    norms = np.where(norms > 0, norms, 1.0)
+    return (np.linalg.lstsq(columns / norms, target, rcond=rcond)[0].T / norms).T
 
 
 def correlation(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
@@ -74,31 +88,4 @@ def estimate_sensitivity(
     **Arguments:** the columns of the residuals' Jacobian in the parameters fitted `later`, which determine them
     all, and in those fitted `earlier`.
     """
-    norms = np.linalg.norm(later, axis=0)
-    norms = np.where(norms > 0, norms, 1.0)
-    return -np.linalg.lstsq(later / norms, earlier, rcond=None)[0] / norms[:, None]
-
-
-def propagated(
-    jacobian: Float[np.ndarray, "n p"],
-    first: Float[np.ndarray, "q q"],
-    later: Int[np.ndarray, " r"],
-    earlier: Int[np.ndarray, " q"],
-) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p p"]]:
-    """Covariance of a fit in two steps: naive, and with the first step's errors carried on.
-
-    **Arguments:** `jacobian` of the second step's residuals in all parameters; `first`, the
-    covariance of the parameters at the places `earlier`, fitted before and then held, while
-    those at the places `later` were fitted.  An error e of the first moves the second by
-    -(J2' J2)^-1 J2' J1 e (first order).
-    """
-    naive = least_squares_covariance(jacobian[:, later], np.zeros(later.size, bool)).matrix
-    shift = estimate_sensitivity(jacobian[:, later], jacobian[:, earlier])
-    p = jacobian.shape[1]
-    plain, whole = np.zeros((p, p)), np.zeros((p, p))
-    for matrix, block in ((plain, naive), (whole, naive + shift @ first @ shift.T)):
-        matrix[np.ix_(earlier, earlier)] = first
-        matrix[np.ix_(later, later)] = block
-    whole[np.ix_(later, earlier)] = shift @ first
-    whole[np.ix_(earlier, later)] = (shift @ first).T
-    return plain, whole
+    return -scaled_least_squares(later, earlier)

@@ -1,15 +1,13 @@
 """Diagnosis of a fit: contradicting records, determined combinations of parameters, and remedies.
 
-Which records disagree with the others: score tests and one-step deletion at the joint optimum, without a refit.
-
-At the optimum the scores J_k' r_k of all records add up to zero.  If the same parameters hold in all of them, the
-score of one is as large as noise makes it; if a record asks for other parameters, it pulls (L. G. Godfrey,
+Records that disagree with the others are found by score tests and one-step deletion at the joint optimum, without a
+refit.  There the scores J_k' r_k of all records add up to zero.  If the same parameters hold in all of them, the score
+of one is as large as noise makes it; if a record asks for other parameters it is larger (L. G. Godfrey,
 Misspecification Tests in Econometrics, Cambridge 1988; for deletion R. D. Cook and S. Weisberg, Residuals and
 Agreement in Regression, Chapman and Hall 1982).
 
-Which combinations of parameters the data determine, and how well: eigenvectors of the relative covariance.
-
-With every parameter on a relative scale a direction v is the product of p_i^v_i.  Products along the eigenvectors are
+The combinations of parameters that the data determine, and how well, are eigenvectors of the relative covariance: with
+every parameter on a relative scale a direction v is the product of p_i^v_i.  Products along the eigenvectors are
 independent of each other, and the square root of the eigenvalue is the relative standard error.
 """
 
@@ -28,10 +26,10 @@ _NOTICEABLE = 2.0
 """Standard errors by which records must move a parameter for their disagreement to count."""
 
 _LEAST = 1e-10
-"""Share of the information below which a direction is not told."""
+"""Share of the information below which a direction is undetermined."""
 
 _TESTED = 1e-6
-"""The same, below which it is not tested."""
+"""Share of the information below which a direction is not tested."""
 
 _MOVES = 1e-3
 """Share of a parameter's standard error along undetermined directions above which its shift is not known."""
@@ -63,7 +61,7 @@ def score_of(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p
     return Score(jacobian.T @ residual, information, variance_factor * information)
 
 
-def white_score(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p"]) -> Score:
+def prior_score(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p"]) -> Score:
     """The score of what was measured apart: residuals with independent errors of standard deviation 1."""
     information = jacobian.T @ jacobian
     return Score(jacobian.T @ residual, information, information)
@@ -71,35 +69,35 @@ def white_score(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "
 
 def agreement(
     scores: Sequence[Score],
-    apart: Score,
+    prior: Score,
     groups: Mapping[tuple[str, tuple[str, ...]], Bool[np.ndarray, " records"]],
     errors: Float[np.ndarray, " p"],
     paths: Sequence[str],
 ) -> tuple[Agreement, ...]:
     """How far each group of records disagrees with the others, and what leaving it out would change.
 
-    **Arguments:** the `scores` of all records, and of what was measured `apart`, in the parameters at `paths`, with
-    their standard `errors` on the fit's scale; `groups` by what is common and the records' names: which records belong
-    to it, but never all.
+    **Arguments:** the `scores` of all records, and the `prior` one of what was measured apart, in the parameters at
+    `paths`, with their standard `errors` on the fit's scale; `groups` by what is common and the records' names: which
+    records belong to it, but never all.
     """
-    whitening = _whitening(np.sum([score.information for score in (*scores, apart)], axis=0))
-    seen = [_seen(score, whitening) for score in (*scores, apart)]
+    whitening = _whitening(np.sum([score.information for score in (*scores, prior)], axis=0))
+    whitened = [_whitened(score, whitening) for score in (*scores, prior)]
     return tuple(
-        _of_group(seen, np.append(inside, False), whitening, what, names, errors, paths)
+        _of_group(whitened, np.append(inside, False), whitening, what, names, errors, paths)
         for (what, names), inside in groups.items()
     )
 
 
 def _whitening(everything: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p k"]:
-    """Directions of the parameters in which all records together have information 1: none that they do not tell."""
+    """Directions of the parameters in which all records together have information 1, without undetermined ones."""
     scale = np.sqrt(np.maximum(np.diag(everything), 1e-300))
     values, vectors = np.linalg.eigh(everything / np.outer(scale, scale))
     kept = values > _LEAST * max(values[-1], 1e-300)
     return vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
 
 
-def _seen(score: Score, whitening: Float[np.ndarray, "p k"]) -> Score:
-    """A score in those directions."""
+def _whitened(score: Score, whitening: Float[np.ndarray, "p k"]) -> Score:
+    """A score in the directions of `_whitening`."""
     return Score(
         whitening.T @ score.gradient,
         whitening.T @ score.information @ whitening,
@@ -119,22 +117,22 @@ def _of_group(
     fraction = np.sum([s.information for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0)
     # Of a fit that ended a little beside its optimum the scores do not add up to zero: what is left is shared out.
     left = np.sum([s.gradient for s in scores], axis=0)
-    pull = np.sum([s.gradient for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0) - fraction @ left
+    score = np.sum([s.gradient for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0) - fraction @ left
     size = whitening.shape[1]
     variance = np.zeros((size, size))
-    for score, is_in in zip(scores, inside, strict=True):
+    for each, is_in in zip(scores, inside, strict=True):
         part = is_in * np.eye(size) - fraction
-        variance += part @ score.variance @ part.T
+        variance += part @ each.variance @ part.T
     values, vectors = np.linalg.eigh(np.eye(size) - fraction)
-    told = values > _LEAST
-    shift = whitening @ (vectors[:, told] / values[told] @ (vectors[:, told].T @ pull))
-    untold = np.abs(whitening @ vectors[:, ~told]) > _MOVES * np.linalg.norm(whitening, axis=1)[:, None]
-    shifts = np.where(np.any(untold, axis=1), np.nan, shift / errors)
-    return Agreement(names, what, _sigmas(pull, variance), {p: float(s) for p, s in zip(paths, shifts, strict=True)})
+    known = values > _LEAST
+    shift = whitening @ (vectors[:, known] / values[known] @ (vectors[:, known].T @ score))
+    unknown = np.abs(whitening @ vectors[:, ~known]) > _MOVES * np.linalg.norm(whitening, axis=1)[:, None]
+    shifts = np.where(np.any(unknown, axis=1), np.nan, shift / errors)
+    return Agreement(names, what, _sigmas(score, variance), {p: float(s) for p, s in zip(paths, shifts, strict=True)})
 
 
-def _sigmas(pull: Float[np.ndarray, " k"], variance: Float[np.ndarray, "k k"]) -> float:
-    """How unlikely so large a pull is, as a normal deviate (E. B. Wilson and M. M. Hilferty, PNAS 17(12), 1931).
+def _sigmas(score: Float[np.ndarray, " k"], variance: Float[np.ndarray, "k k"]) -> float:
+    """How unlikely so large a score is, as a normal deviate (E. B. Wilson and M. M. Hilferty, PNAS 17(12), 1931).
 
     In units of what all records tell: directions of which the group tells all but a millionth, or a millionth, are left
     out.
@@ -144,7 +142,7 @@ def _sigmas(pull: Float[np.ndarray, " k"], variance: Float[np.ndarray, "k k"]) -
     freedom = int(np.sum(kept))
     if not freedom:
         return 0.0
-    statistic = float(np.sum((vectors[:, kept].T @ pull) ** 2 / values[kept]))
+    statistic = float(np.sum((vectors[:, kept].T @ score) ** 2 / values[kept]))
     spread = 2.0 / (9.0 * freedom)
     return float(((statistic / freedom) ** (1.0 / 3.0) - (1.0 - spread)) / np.sqrt(spread))
 
@@ -232,9 +230,9 @@ def records_agreement(problem: Problem, fit: Fit, covariance: Float[np.ndarray, 
         return ()
     residual, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)[:, known]
     scores = [score_of(residual[rows], jacobian[rows]) for rows in problem.rows]
-    apart = white_score(residual[problem.rows_apart], jacobian[problem.rows_apart])
+    prior = prior_score(residual[problem.rows_apart], jacobian[problem.rows_apart])
     errors = np.sqrt(np.diag(covariance))[known]
-    return agreement(scores, apart, groups, errors, [problem.residual.transform.paths[i] for i in known])
+    return agreement(scores, prior, groups, errors, [problem.residual.transform.paths[i] for i in known])
 
 
 def contradicting(found: Sequence[Agreement]) -> list[Agreement]:

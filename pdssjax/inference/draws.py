@@ -1,4 +1,4 @@
-"""How intervals by drawing are asked for, and where the draws are kept."""
+"""Settings of intervals by drawing, and where the draws are kept."""
 
 import contextlib
 import importlib.util
@@ -9,7 +9,7 @@ from typing import Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..core import MOST_DRAWN, MOST_SEED, Document, InputError, check_whole, prepare_jax, require_float64
+from ..core import MOST_DRAWN, MOST_SEED, Document, InputError, check_whole, use_float64
 
 Resampled: TypeAlias = Literal["noise", "cycles"]
 """Resampling of a bootstrap: white noise of the size found, or whole cycles of the residuals."""
@@ -21,10 +21,11 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 REPLICATES, DRAWS, CHAINS = 1000, 1000, 4
+"""Usual number of replicates of a bootstrap, of draws of each chain, and of chains of a posterior."""
 
 
 class Store(Protocol):
-    """Where draws are kept, so that a run that is broken off can go on; as a string, the name of that place."""
+    """Keeps draws, so that a run that is broken off can go on; as a string, the name of the place."""
 
     def begun(self) -> Document | None:
         """The description that `begin` got from the run that goes on; None where this is a new one."""
@@ -35,11 +36,11 @@ class Store(Protocol):
         ...
 
     def kept(self) -> Sequence[Document]:
-        """All that was kept, by runs before, too."""
+        """All entries kept, also those of earlier runs."""
         ...
 
     def keep(self, entry: Document) -> None:
-        """Keep one more."""
+        """Keep one more entry."""
         ...
 
 
@@ -68,7 +69,7 @@ class InMemory:
 
 @dataclass(frozen=True)
 class Drawing:
-    """How a bootstrap or a posterior is drawn."""
+    """Settings of a bootstrap or a posterior."""
 
     count: int | None = None
     """Replicates of a bootstrap, draws of each chain of a posterior; 1000 unless given."""
@@ -107,12 +108,12 @@ def stream(
 def each_done(
     work: Callable[[Task], Result], tasks: Sequence[Task], executor: Executor | None
 ) -> Iterator[tuple[Task, Result]]:
-    """Tasks and what `work` makes of them, as they are done; what has not begun is dropped when the caller leaves."""
+    """Yield each task with its result once it is done; tasks not begun are dropped when the caller leaves."""
     if executor is None:
         for task in tasks:
             yield task, work(task)
         return
-    futures: dict[Future[Result], Task] = {executor.submit(_prepared, work, task): task for task in tasks}
+    futures: dict[Future[Result], Task] = {executor.submit(_in_float64, work, task): task for task in tasks}
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()
@@ -121,22 +122,18 @@ def each_done(
             future.cancel()
 
 
-def _prepared(work: Callable[[Task], Result], task: Task) -> Result:
-    """`work` also in another process of an executor, which begins with JAX in single precision."""
-    try:
-        require_float64("draws")
-    except ValueError:
-        prepare_jax()
+def _in_float64(work: Callable[[Task], Result], task: Task) -> Result:
+    use_float64()
     return work(task)
 
 
-def same_run(begun: Mapping[str, object], asked: Mapping[str, object], where: str = "") -> None:
-    """**Raises** `InputError` where a run cannot go on, since what is asked differs from what was begun.
+def same_run(begun: Mapping[str, object], settings: Mapping[str, object], where: str = "") -> None:
+    """**Raises** `InputError` where a run cannot go on, since its `settings` differ from those `begun` with.
 
-    **Arguments:** `where` in both these are parts of, for messages.
+    **Arguments:** `where` both are, for messages on parts of them.
     """
-    for name in dict.fromkeys([*asked, *(begun if where else ())]):
-        value, before, place = asked.get(name), begun.get(name), f"{where}{name}: "
+    for name in dict.fromkeys([*settings, *(begun if where else ())]):
+        value, before, place = settings.get(name), begun.get(name), f"{where}{name}: "
         if isinstance(value, dict) and isinstance(before, dict):
             same_run(before, value, place)
         elif before != value:
@@ -152,7 +149,7 @@ def _in_short(value: object) -> str:
 
 @contextlib.contextmanager
 def reading(store: Store, what: str) -> Iterator[None]:
-    """Say in a line that `what` a `store` has kept is not what a run wrote.
+    """Refuse entries of a `store`, named `what`, that are not what a run wrote, in one line.
 
     **Raises:** `InputError` in place of whatever wrong types, keys and shapes raise within it.
     """

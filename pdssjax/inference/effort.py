@@ -25,7 +25,7 @@ class Effort(NamedTuple):
     False, only a fit without a record of the platform alone is compared."""
 
     def some(self, count: int) -> int:
-        """How many are tried where usually `count` starts are; one at least."""
+        """The number of starts tried where usually `count` are; one at least."""
         return max(1, round(self.starts * count))
 
     @property

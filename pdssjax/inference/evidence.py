@@ -1,4 +1,4 @@
-"""The evidence of a fit: what it leaves of its records, each part found when it is first asked for, and once.
+"""The evidence of a fit: residuals, degrees of freedom and statistics, each computed once, when first needed.
 
 Races between starts, the verdict on the fit, the errors of its parameters and its statistics all read it.
 
@@ -32,7 +32,7 @@ from jaxtyping import Bool, Float
 from ..metrics import outliers, unevenness
 from ..study import Statistics, Study, cycles_a_second, repeated_residuals
 from .beyond_noise import EXCESS, SIGNIFICANT, highest_by_chance, is_unresolved
-from .covariance import NO_INFORMATION, least_squares_covariance
+from .covariance import NO_INFORMATION, least_squares_covariance, scaled_least_squares
 from .diagnosis import contradicting, records_agreement
 from .least_squares import Fit, by_record, evaluated, quiet
 from .problem import Problem
@@ -59,7 +59,7 @@ class WithoutOutliers(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a fit of a problem with n residuals and p free parameters leaves of its records."""
+    """The evidence of a fit of a problem with n residuals and p free parameters."""
 
     problem: Problem
     fit: Fit
@@ -103,8 +103,8 @@ class Evidence:
         basis, singular, _ = np.linalg.svd(jacobian[:, kept] / norms[kept], full_matrices=False)
         leverage = np.sum(basis[:, singular > NO_INFORMATION * singular[0]] ** 2, axis=1)
         # Those at bounds and those without information count, too, as they do in all.
-        told = leverage * count / np.sum(leverage)
-        return np.array([np.sum(told[rows]) for rows in problem.rows]) + offsets
+        taken = leverage * count / np.sum(leverage)
+        return np.array([np.sum(taken[rows]) for rows in problem.rows]) + offsets
 
     @cached_property
     def variance_factor(self) -> float:
@@ -175,7 +175,7 @@ class Evidence:
             return fit.free
         there = np.clip(fit.free + found.step, *problem.bounds)
         moved = np.asarray(evaluated(problem, there, quiet).state.residual)
-        left = [_left(problem, np.asarray(r), ~found.outlying) for r in (moved, fit.state.residual)]
+        left = [_squares_left(problem, np.asarray(r), ~found.outlying) for r in (moved, fit.state.residual)]
         return there if left[0] < left[1] else fit.free
 
     # ------------------------------------------------------------------------------------------ more than noise
@@ -201,7 +201,7 @@ class Evidence:
         if not np.isfinite(self.fit.chi2):
             return True
         parts = [self.without_outliers.residual[rows] for rows in problem.rows]
-        if self._exceeds_given(parts):
+        if self._exceeds_given_noise(parts):
             return True
         judged = [
             (record, part)
@@ -212,28 +212,34 @@ class Evidence:
         products = sum(np.nansum(part[1:] * part[:-1]) for _, part in judged)
         squares = sum(np.nansum(part**2) for _, part in judged)
         correlation = products / max(squares, 1e-300)
-        found = [repeated_residuals(record, part) for record, part in judged]
-        sigmas = [repeated.sigmas for repeated in found if repeated is not None]
+        repeated = [repeated_residuals(record, part) for record, part in judged]
+        sigmas = [found.sigmas for found in repeated if found is not None]
         if sum(sigmas) > SIGNIFICANT * np.sqrt(len(sigmas)):
             return True
-        if not (correlation * np.sqrt(samples) > SIGNIFICANT or self._exceeds_found(parts)):
+        if not (correlation * np.sqrt(samples) > SIGNIFICANT or self._exceeds_estimated_noise(parts)):
             return False
         uneven = [unevenness(part, record.time) for record, part in judged]
         return max(uneven, default=np.inf) > SIGNIFICANT or sum(uneven) > SIGNIFICANT * np.sqrt(len(uneven))
 
-    def _exceeds_given(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
+    def _exceeds_given_noise(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
         """Whether residuals exceed the noise given in size: those of any record, or of all together; without NaN.
 
         Each record by itself, too: many samples that are explained hide what others leave.
         """
         given = [part for part, is_given in zip(parts, self.noise_is_given, strict=True) if is_given]
+        if not given:
+            return False
         efficiency = self.problem.residual.loss.scatter_efficiency
-        by_chance = lambda parts: highest_by_chance(efficiency * self._scatter(parts)[1])
-        of_one = lambda part: max(by_chance([part]), EXCESS)
-        exceeds = lambda parts, limit: bool(parts) and not self._scatter(parts)[0] < limit
-        return exceeds(given, by_chance(given)) or any(exceeds([part], of_one(part)) for part in given)
+        variance, freedom = self._scatter(given)
+        if not variance < highest_by_chance(efficiency * freedom):
+            return True
+        for part in given:
+            variance, freedom = self._scatter([part])
+            if not variance < max(highest_by_chance(efficiency * freedom), EXCESS):
+                return True
+        return False
 
-    def _exceeds_found(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
+    def _exceeds_estimated_noise(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
         """Whether residuals of records whose noise is not given exceed in size what was estimated; without NaN."""
         found = [part for part, is_given in zip(parts, self.noise_is_given, strict=True) if not is_given]
         return bool(found) and not self._scatter(found)[0] < _POOR
@@ -252,7 +258,7 @@ class Evidence:
         return self.missed_within(self.covariance)
 
     def missed_within(self, covariance: Float[np.ndarray, "p p"]) -> tuple[Missed, ...]:
-        """The same by errors of another `covariance` on the fit's scale; none of a fit that is to be mended first."""
+        """Records `missed` by errors of another `covariance` on the fit's scale; none of a fit that is no success."""
         if self.study is None or not self.fit.success or all(record.role == "fit" for record in self.study.records):
             return ()
         return missed_records(self.study, self.problem, self.undisturbed_point, covariance)
@@ -309,7 +315,7 @@ def fit_without_outliers(problem: Problem, fit: Fit) -> WithoutOutliers:
     return WithoutOutliers(out, np.where(out, np.nan, rest), step)
 
 
-def _left(problem: Problem, residual: Float[np.ndarray, " n"], counted: Bool[np.ndarray, " n"]) -> float:
+def _squares_left(problem: Problem, residual: Float[np.ndarray, " n"], counted: Bool[np.ndarray, " n"]) -> float:
     """The sum of squares of the samples `counted`, free zeros of records theirs."""
     total = 0.0
     for record, rows in zip(problem.records, problem.rows, strict=True):
@@ -331,17 +337,20 @@ def _outlying(problem: Problem, roots: Float[np.ndarray, " n"]) -> Bool[np.ndarr
 def _columns(problem: Problem, fit: Fit) -> Float[np.ndarray, "n q"]:
     """The Jacobian of what the fit is free to change: p columns, 0 of parameters at bounds, and the free zeros'."""
     jacobian = np.asarray(fit.state.jacobian) * ~problem.residual.transform.at_bound(fit.free)
-    zeros = [rows for record, rows in zip(problem.records, problem.rows, strict=True) if record.offset is None]
-    ones = np.zeros((jacobian.shape[0], len(zeros)))
-    for i, rows in enumerate(zeros):
+    return np.column_stack([jacobian, zero_columns(problem, len(jacobian))])
+
+
+def zero_columns(problem: Problem, count: int) -> Float[np.ndarray, "n z"]:
+    """The derivatives of `count` whitened residuals by the free zeros, in the noise of their records."""
+    free = [rows for record, rows in zip(problem.records, problem.rows, strict=True) if record.offset is None]
+    ones = np.zeros((count, len(free)))
+    for i, rows in enumerate(free):
         ones[rows, i] = 1.0
-    return np.column_stack([jacobian, ones])
+    return ones
 
 
 def _step(
     columns: Float[np.ndarray, "n q"], residual: Float[np.ndarray, " n"], used: Bool[np.ndarray, " n"]
 ) -> Float[np.ndarray, " q"]:
     """The step that leaves the least of the `residual`, by the rows that are `used`."""
-    size = np.linalg.norm(columns, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    return -np.linalg.lstsq((columns / size)[used], residual[used], rcond=NO_INFORMATION)[0] / size
+    return -scaled_least_squares(columns[used], residual[used], NO_INFORMATION)

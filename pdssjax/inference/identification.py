@@ -1,4 +1,4 @@
-"""Identifies the parameters of a study: jointly, or the piezo first as the thesis did."""
+"""Identification of the parameters of a study: jointly, or the piezo first as the thesis did."""
 
 import dataclasses
 import functools
@@ -45,7 +45,6 @@ from .uncertainty.profile_intervals import with_profile_intervals
 
 Intervals: TypeAlias = Literal["linear", "profile", "bootstrap", "posterior"]
 """Intervals by the covariance, by profile likelihood, by a bootstrap, or by draws of the posterior."""
-
 
 DRAWN = ("bootstrap", "posterior")
 """Kinds of intervals that are drawn."""
@@ -118,24 +117,38 @@ def identify(
     """
     require_float64("identify")
     begun = time.perf_counter()
-    _check_arguments(study, drawing, executor, accuracy, starts)
-    _check_way(study, method, intervals, executor)
-    fineness, report = _fineness(study, accuracy, solver), progress or told_in_notebook() or quiet
-    referee = check_accuracy(check_with, fineness)
+    _check_arguments(study, method, intervals, drawing, executor, accuracy, starts)
+    integrator = _integrator(study, accuracy, solver)
     stack = pick_peaks(study) if method == "peaks" else None
-    fitted = with_stack_held(study, stack.values) if stack else study
-    excused = functools.partial(due_to_stack, study, stack, fineness) if stack else None
-    settings = drawing or Drawing(), starts, executor, fineness, minimiser, referee
-    run, how = _way(method, minimiser), _loss(loss, method, intervals)
-    request = _Request(fitted, method, run, how, intervals, *settings, report, excused, effort_of(effort))
-    return _estimated(study, request, stack, begun)
+    request = _Request(
+        whole=study,
+        study=with_stack_held(study, stack.values) if stack else study,
+        stack=stack,
+        method=method,
+        run=_fit_method(method, minimiser),
+        loss=_loss(loss, method, intervals),
+        intervals=intervals,
+        drawing=drawing or Drawing(),
+        starts=starts,
+        executor=executor,
+        accuracy=integrator,
+        minimiser=minimiser,
+        referee=check_accuracy(check_with, integrator),
+        report=progress or told_in_notebook() or quiet,
+        excused=functools.partial(due_to_stack, study, stack, integrator) if stack else None,
+        effort=effort_of(effort),
+        begun=begun,
+    )
+    return _estimated(request)
 
 
 class _Request(NamedTuple):
     """The arguments of `identify`, checked."""
 
+    whole: Study
     study: Study
-    """With the stack held, where it was picked from peaks."""
+    """The whole study, or its part with the stack held where that was picked from peaks."""
+    stack: PickedStack | None
     method: Method
     run: FitMethod
     loss: AbstractLoss
@@ -145,30 +158,32 @@ class _Request(NamedTuple):
     executor: Executor | None
     accuracy: Accuracy
     minimiser: Minimiser | None
-    """In place of the package's own."""
+    """A solver in place of the package's own."""
     referee: Accuracy | None
-    """How to integrate the fit that checks this one, if one is asked for."""
+    """The integrator of the fit that checks this one; None: no check."""
     report: Progress
     excused: Callable[[Fit, Problem], bool] | None
     """Whether what a poor fit leaves is due to the stack held in it."""
     effort: Effort
+    begun: float
+    """Time at which the identification began [s]."""
 
 
-def _estimated(study: Study, request: _Request, stack: PickedStack | None, begun: float) -> Estimate:
-    """The estimate that is asked for; **raises** `FitInterrupted` with the best so far where it is broken off."""
+def _estimated(request: _Request) -> Estimate:
+    """The estimate of a request; **raises** `FitInterrupted` with the best so far where it is broken off."""
     best, done, estimate = BestPoint(), None, None
     try:
         found = _found(request, best)
         done = Point(found.evidence.fit, found.evidence.problem, found.starts, 2)
-        estimate = _summarised(study, request, done, begun, stack, not request.effort.compares, found.evidence)
+        estimate = _summarised(request, done, not request.effort.compares, found.evidence)
         estimate = dataclasses.replace(estimate, multistart=found.multistart, effort=request.effort.name)
         estimate = _with_intervals(estimate, found, request)
         estimate = _checked(estimate, found, request)
-        estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
+        estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - request.begun)
     except KeyboardInterrupt as interrupt:
         point = done or best.point
         if estimate is None and point is not None:
-            estimate = _summarised(study, request, point, begun, stack, briefly=not done)
+            estimate = _summarised(request, point, briefly=not done)
         raise FitInterrupted(estimate) from interrupt
     finally:
         clear_bar(request.report)
@@ -179,13 +194,11 @@ def _found(request: _Request, best: BestPoint) -> FitAndStarts:
     """The fit, its problem and its starts: found anew, or those around which draws go on."""
     study, report, accuracy, store = request.study, request.report, request.accuracy, request.drawing.store
     effort = request.effort
-    what = run_settings(
+    drawn = request.intervals in DRAWN
+    settings = run_settings(
         study, request.method, request.intervals, request.drawing, request.starts, accuracy, effort.name
     )
-    earlier = (
-        restored_fit(request.drawing, what, study, accuracy, report, effort) if request.intervals in DRAWN else None
-    )
-    if earlier is not None:
+    if drawn and (earlier := restored_fit(request.drawing, settings, study, accuracy, report, effort)) is not None:
         return earlier
     report("finding starts")
     run = best.watched(request.run)
@@ -200,8 +213,8 @@ def _found(request: _Request, best: BestPoint) -> FitAndStarts:
             fit, problem = with_noise(fit, problem, request.run, report)
         evidence = Evidence(problem, fit, study)
     found = FitAndStarts(evidence, starts, table)
-    if request.intervals in DRAWN:
-        store.begin(fit_document(what, found))
+    if drawn:
+        store.begin(fit_document(settings, found))
     return found
 
 
@@ -218,21 +231,14 @@ def _with_intervals(estimate: Estimate, found: FitAndStarts, request: _Request) 
     if intervals not in DRAWN:
         return estimate
     # Evaluated anew, so that a run that goes on begins with the same numbers to the last bit.
-    fit, how = evaluated(problem, fit.free, quiet), (request.drawing, request.executor, request.report)
+    fit, settings = evaluated(problem, fit.free, quiet), (request.drawing, request.executor, request.report)
     if intervals == "posterior":
-        return with_posterior(estimate, problem, fit, *how)
-    return with_bootstrap(estimate, problem, fit, request.run, *how)
+        return with_posterior(estimate, problem, fit, *settings)
+    return with_bootstrap(estimate, problem, fit, request.run, *settings)
 
 
-def _check_way(study: Study, method: str, intervals: Intervals, executor: Executor | None) -> None:
-    """**Raises** `InputError` where a `study` cannot be fitted so; warns where a record moves against its drive."""
-    check_method(study, method)
-    check_intervals(intervals, method, executor)  # pyright: ignore[reportArgumentType]
-    warn_of_reversed_signs([record for record in study.records if record.role == "fit"])
-
-
-def _way(method: Method, minimiser: Minimiser | None) -> FitMethod:
-    """How to fit by a `method`, with `minimiser` if there is one."""
+def _fit_method(method: Method, minimiser: Minimiser | None) -> FitMethod:
+    """The function that fits by a `method`, with `minimiser` if there is one."""
     usual: FitMethod = sequential if method == "sequential" else joint
     if minimiser is None:
         return usual
@@ -244,8 +250,8 @@ def _way(method: Method, minimiser: Minimiser | None) -> FitMethod:
     return run
 
 
-def _fineness(study: Study, accuracy: Accuracy | None, solver: Given) -> Accuracy:
-    """How to integrate: as asked for, else as the study says."""
+def _integrator(study: Study, accuracy: Accuracy | None, solver: Given) -> Accuracy:
+    """The accuracy or the solver that is given, else the study's accuracy."""
     if accuracy is not None and solver is not None:
         raise InputError("solver: found one beside an accuracy, expected one of both: Accuracy(method=...) says both.")
     if accuracy is not None:
@@ -275,19 +281,12 @@ def _checked(estimate: Estimate, found: FitAndStarts, request: _Request) -> Esti
     return with_check(estimate, fit, second, request.method, request.report)
 
 
-def _summarised(
-    study: Study,
-    request: _Request,
-    point: Point,
-    begun: float,
-    stack: PickedStack | None,
-    briefly: bool = False,
-    known: Evidence | None = None,
-) -> Estimate:
-    """The estimate at a `point`, by the whole `study`, of a fit that began at the time `begun` [s].
+def _summarised(request: _Request, point: Point, briefly: bool = False, known: Evidence | None = None) -> Estimate:
+    """The estimate at a `point`, by the whole study; `briefly` without second derivatives.
 
     **Arguments:** the evidence of that fit as far as it is `known`.
     """
+    study, stack = request.whole, request.stack
     report = request.report
     # Who ends a process with a signal may kill it soon after: no second derivatives then, which take long.
     report("predicting every record")
@@ -300,7 +299,7 @@ def _summarised(
     if stack is None and not point.problem.residual.loss.is_robust and not briefly:
         estimate = with_error_models(estimate, known, report)
     minimiser = OWN_MINIMISER if request.minimiser is None else type(request.minimiser).__name__
-    return dataclasses.replace(estimate, minimiser=minimiser, seconds=time.perf_counter() - begun)
+    return dataclasses.replace(estimate, minimiser=minimiser, seconds=time.perf_counter() - request.begun)
 
 
 _METHODS: dict[str, tuple[str, ...]] = {
@@ -311,8 +310,16 @@ _METHODS: dict[str, tuple[str, ...]] = {
 """The methods that have each kind of intervals; all have linear ones."""
 
 
-def _check_arguments(study: object, drawing: object, executor: Executor | None, accuracy: object, starts: int) -> None:
-    """**Raises** `InputError` where one is nothing of its kind."""
+def _check_arguments(
+    study: Study,
+    method: Method,
+    intervals: Intervals,
+    drawing: object,
+    executor: Executor | None,
+    accuracy: object,
+    starts: int,
+) -> None:
+    """**Raises** `InputError` for what is not of its kind or does not go together; warns of reversed signs."""
     check_kind("study", study, Study, "load_study")
     check_starts(starts)
     for name, given, kind in (
@@ -323,6 +330,9 @@ def _check_arguments(study: object, drawing: object, executor: Executor | None, 
         if given is not None:
             check_kind(name, given, kind)
     check_executor(executor)
+    check_method(study, method)
+    check_intervals(intervals, method, executor)
+    warn_of_reversed_signs([record for record in study.records if record.role == "fit"])
 
 
 def has_intervals(method: Method, intervals: Intervals) -> bool:

@@ -16,7 +16,7 @@ from .summary import how_it_ended
 
 
 def check_accuracy(check_with: Given, accuracy: Accuracy) -> Accuracy | None:
-    """How to integrate the second fit; None where `check_with` is None.
+    """The integrator of the second fit; None where `check_with` is None.
 
     **Raises:** `InputError` for what is no solver, and for the one by which the fit itself integrates.
     """
@@ -61,14 +61,14 @@ def with_check(estimate: Estimate, fit: Fit, second: Problem, method: Method, re
 
 def _fitted_again(problem: Problem, free: Float[np.ndarray, " p"], method: Method, report: Progress) -> Fit:
     """The fit from the point `free`; a joint one without its first phase, which would lead away from there."""
-    tell: Progress = lambda told: report(f"check: {told}")
+    tell: Progress = lambda line: report(f"check: {line}")
     if method == "sequential":
         return sequential(problem, problem.decode(free), tell)
     return fit_phase(problem, free, np.ones(len(problem.records), bool), np.ones(free.size, bool), "all", tell)
 
 
 def _end(fit: Fit) -> Float[np.ndarray, " p"]:
-    """Where a fit points: where it ended, and the step that was too small to be taken.
+    """The end of a fit, with the step that was too small to be taken.
 
     A fit ends where that step is below a hundredth of a standard error; integrators agree to better than that.
     """

@@ -24,11 +24,11 @@ class FitAndStarts(NamedTuple):
     """A fit with its problem, its starts, and the ends of the other starts."""
 
     evidence: Evidence
-    """Of the fit and its problem, with the noise found."""
+    """The evidence of the fit and its problem, with the noise found."""
     starts: dict[str, float]
-    """Where it began [SI], by path."""
+    """The starts of the fit [SI], by path."""
     multistart: Multistart | None
-    """Where fits from further starts ended; None where none were asked for."""
+    """The ends of fits from further starts; None without such fits."""
 
 
 def run_settings(
@@ -64,8 +64,8 @@ def run_settings(
 
 
 def _declared(parameter: Parameter) -> Document:
-    apart = None if parameter.measured_apart is None else list(parameter.measured_apart)
-    return {"value": parameter.value, "min": parameter.low, "max": parameter.high, "measured_apart": apart}
+    prior = None if parameter.measured_apart is None else list(parameter.measured_apart)
+    return {"value": parameter.value, "min": parameter.low, "max": parameter.high, "measured_apart": prior}
 
 
 def _measured(record: Record) -> Document:
@@ -83,10 +83,10 @@ def _measured(record: Record) -> Document:
     }
 
 
-def fit_document(what: Document, found: FitAndStarts) -> Document:
-    """The fit as plain data, with the settings `what`: all that `restored_fit` needs."""
+def fit_document(settings: Document, found: FitAndStarts) -> Document:
+    """The fit as plain data, with the `settings` of its run: all that `restored_fit` needs."""
     fit, table = found.evidence.fit, found.multistart
-    return what | {
+    return settings | {
         "free": np.asarray(fit.free, float).tolist(),
         "noise": np.asarray(found.evidence.problem.noise, float).tolist(),
         "starts": {path: float(number) for path, number in found.starts.items()},
@@ -100,27 +100,27 @@ def fit_document(what: Document, found: FitAndStarts) -> Document:
 
 
 def restored_fit(
-    drawing: Drawing, what: Document, study: Study, accuracy: Accuracy, report: Progress, effort: Effort = USUAL
+    drawing: Drawing, settings: Document, study: Study, accuracy: Accuracy, report: Progress, effort: Effort = USUAL
 ) -> FitAndStarts | None:
     """Restore fit, problem and starts of a run that goes on; its residuals are computed again.
 
     **Returns:** None where the store of the `drawing` has none.
 
-    **Raises:** `InputError` where something else was asked then, or what was kept is not what a run writes.
+    **Raises:** `InputError` where that run had other `settings`, or what was kept is not what a run writes.
     """
     document = drawing.store.begun()
     if document is None:
         return None
     report("going on around the fit that was kept")
-    same_run(document, what)
+    same_run(document, settings)
     with reading(drawing.store, "the fit"):
-        how = _how_it_ended(document)
+        ending = _ending_of(document)
         starts = {path: float(number) for path, number in document["starts"].items()}
         table = _table(document["multistart"])
         free = _numbers(document, "free", sum(parameter.free for parameter in study.parameters.values()))
-        noise = _numbers(document, "noise", len(what["records"]))
+        noise = _numbers(document, "noise", len(settings["records"]))
     problem = pose(study, starts, accuracy, effort=effort)._replace(noise=noise)
-    fit = evaluated(problem, free, report)._replace(**how)
+    fit = evaluated(problem, free, report)._replace(**ending)
     return FitAndStarts(Evidence(problem, fit, study), starts, table)
 
 
@@ -128,7 +128,7 @@ _ENDED = {"success": bool, "message": str, "iterations": int, "evaluations": int
 """The entries that say how a fit ended, with their types."""
 
 
-def _how_it_ended(document: Document) -> Document:
+def _ending_of(document: Document) -> Document:
     for key, kind in _ENDED.items():
         if not isinstance(document[key], kind):
             raise TypeError(f"{key} = {document[key]!r}")

@@ -30,10 +30,10 @@ MAX_ITERATIONS = 1000
 """Iterations of one run at most, whatever the effort."""
 
 INVISIBLE = 0.01
-"""Decrease of chi-square, in units of the reduced chi-square, that is a tenth of a standard error: not to be seen."""
+"""Decrease of chi-square, in units of the reduced chi-square, too small to matter: a tenth of a standard error."""
 
 SMALL_JUMP = 0.1
-"""Jump of chi-square, in the same units, at which a fit may end: a third of a standard error at most."""
+"""Jump of chi-square, in units of the reduced chi-square, at which a fit may end: a third of a standard error."""
 
 START_FAILED = "the actuator cannot be simulated at the start"
 
@@ -159,7 +159,7 @@ def fit_phase(
     linear, spent = linear_parameters(problem, used) & fitted, 0
     if linear.sum() >= FEWEST_LINEAR:
         found = project(
-            problem, free, as_weights(problem.noise, used), fitted, linear, lambda told: report(f"{name}: {told}")
+            problem, free, as_weights(problem.noise, used), fitted, linear, lambda line: report(f"{name}: {line}")
         )
         free, spent = found.free, found.evaluations
         report(f"{name}: {linear.sum()} linear parameters projected out, chi-square {found.chi2:.6g}")
@@ -218,8 +218,7 @@ def _slow(effort: Effort, course: Sequence[tuple[int, float]]) -> str:
     **Arguments:** the `course` of the run: evaluations and chi-square after each accepted step.
     """
     (before, higher), (after, lower) = course[-min(effort.slow_steps + 1, len(course))], course[-1]
-    told = {"spent": after - before, "gained": higher - lower, "advice": effort.advice}
-    return MESSAGES[Ending.SLOW_STEPS].format(**told)
+    return MESSAGES[Ending.SLOW_STEPS].format(spent=after - before, gained=higher - lower, advice=effort.advice)
 
 
 def _by_another(fit: Fit, outcome: Outcome) -> Fit:

@@ -17,6 +17,10 @@ from jaxtyping import Array, Bool, Float
 
 from ..core import ScalarLike
 from ..study import Constraint, Link, Parameter, Values, bounded_by_constraints, chained
+from .covariance import set_unknown
+
+Box = tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
+"""Lower and upper bounds of the free numbers, on the fit's scale."""
 
 
 # These are plain pytrees: each look at a method of an `equinox.Module` takes 20 us, and a fit decodes at every point.
@@ -88,7 +92,7 @@ class ParameterTransform:
         return jacobian if self.ties is None else jacobian @ np.linalg.inv(self.ties.mixing)
 
     def tied_to(self, which: Bool[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
-        """Those parameters, and all that constraints tie to them."""
+        """The parameters `which`, and all that constraints tie to them."""
         return which if self.ties is None else (np.abs(self.ties.mixing) @ which) > 0.0
 
     def own_covariance(self, matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
@@ -100,8 +104,7 @@ class ParameterTransform:
             return matrix
         found = self.ties.mixing @ np.nan_to_num(matrix) @ self.ties.mixing.T
         unknown = self.tied_to(np.isnan(np.diag(matrix)))
-        found[unknown] = np.nan
-        found[:, unknown] = np.nan
+        set_unknown(found, unknown)
         return found
 
     def in_si(self, own: Float[np.ndarray, "*many p"]) -> Float[np.ndarray, "*many p"]:

@@ -22,8 +22,8 @@ from .determinable_ranges import determinable_ranges, within_determinable
 from .effort import USUAL, Effort
 from .initial_values.search import initial_guess
 from .losses.base import AbstractLoss
-from .parameter_transform import transform_of
-from .residual import Evaluator, Residual, measured_apart
+from .parameter_transform import Box, transform_of
+from .residual import Evaluator, Residual, prior_measurements
 from .solver.iterations import Linearised, OfFunction, Point
 from .solver.minimisers import Minimiser
 
@@ -66,7 +66,7 @@ class Problem:
     """After how many iterations and slow steps a run ends."""
 
     def _replace(self, **changes: Any) -> "Problem":
-        """The same with other fields, as of a named tuple."""
+        """The problem with other fields, as of a named tuple."""
         return dataclasses.replace(self, **changes)
 
     @property
@@ -77,17 +77,17 @@ class Problem:
 
     @property
     def rows_apart(self) -> slice:
-        """Where what was measured apart stands among them, in the order of `residual.apart`: behind the samples."""
+        """Where what was measured apart stands among the residuals, by `residual.priors`: behind the samples."""
         samples = sum(record.time.size for record in self.records)
-        return slice(samples, samples + len(self.residual.comparison.apart))
+        return slice(samples, samples + len(self.residual.comparison.priors))
 
     @property
-    def bounds(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+    def bounds(self) -> Box:
         """Lower and upper, on the fit's scale."""
         return self.residual.transform.low, self.residual.transform.high
 
     def fitted_to(self, used: Sequence[Bool[np.ndarray, " samples"]]) -> "Problem":
-        """The same with only the `used` samples of each record; the others have a residual of 0.
+        """The problem with only the `used` samples of each record; the others have a residual of 0.
 
         For cross-validation: what is compiled is shared, so that parts may be held out in turn.  Noise and counts of
         samples stay those of whole records.
@@ -136,7 +136,7 @@ class Problem:
 
     @property
     def _evaluator(self) -> Evaluator | None:
-        """What is compiled of the study; None for a problem of your own."""
+        """The compiled evaluation of the study; None for a problem of your own."""
         if self.predictor is None:
             return None
         residual = self.residual
@@ -145,19 +145,19 @@ class Problem:
         return Evaluator(self.predictor, residual.comparison, residual.accuracy, self.places, paths, free)
 
     def lowered(self, free: Float[Array | np.ndarray, " p"]) -> Lowered:
-        """What its evaluations compile, traced; its `compile` may go on in another thread."""
+        """The program of its evaluations, traced; its `compile` may go on in another thread."""
         return self.evaluations(self._weights()).lowered(free)
 
     @property
-    def linearisation(self) -> "Linearisation":
+    def linearisation(self) -> "LinearisedResidual":
         """`linearised` as data and what is compiled, for what is compiled with it."""
-        return Linearisation(self.residual, self._weights())
+        return LinearisedResidual(self.residual, self._weights())
 
     def _weights(self) -> Float[Array | np.ndarray, " records"]:
         return 1.0 / self.noise
 
 
-class Linearisation(eqx.Module):
+class LinearisedResidual(eqx.Module):
     """Whitened residuals and their Jacobian as a function of the p free numbers, for what is compiled with it."""
 
     residual: Residual
@@ -231,7 +231,9 @@ def pose(
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
     parameters = within_determinable(_with_lengths(study), determinable_ranges(study))
     transform = transform_of(parameters, starts, study.constraints, str(study.path or study.title))
-    residual = Residual.of(study.models, records, transform, fixed, accuracy, loss, measured_apart(study.parameters))
+    residual = Residual.of(
+        study.models, records, transform, fixed, accuracy, loss, prior_measurements(study.parameters)
+    )
     samples = lambda residual: (residual.comparison.measured, residual.comparison.used)
     residual = eqx.tree_at(samples, residual, on_device(samples(residual)))
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])

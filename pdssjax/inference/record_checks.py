@@ -1,14 +1,11 @@
 """Checks of the records before a fit: samples listed twice, and sensors that count the other way.
 
-Samples that a study would fit twice: a file under two names, a record listed twice, windows that overlap.
+A study would fit samples twice where a file has two names, a record is listed twice, or windows overlap.  The same
+errors then pass for two measurements, and standard errors come out too small, by up to the root of two.  Samples are
+compared, not names; two runs that only resemble each other differ in their noise.
 
-Counted twice, the same errors pass for two measurements, and standard errors come out too small, by up to the root of
-two.  Samples are compared, not names; two runs that only resemble each other differ in their noise.
-
-Questions a record that moves against its drive: a sensor that counts the other way, or the other direction.
-
-A platform follows the voltage, an end-effector late on the slow flanks of its drive; where one goes the other way,
-something is the wrong way round.
+A platform follows the voltage, an end-effector late on the slow flanks of its drive; where one goes the other way, the
+sensor counts the other way, or the drive's direction is the other one.
 """
 
 import itertools
@@ -57,7 +54,7 @@ def _shared(earlier: Record, later: Record) -> int:
 
 
 _ROUNDING = 1e-12
-"""Relative: of the same samples in another unit."""
+"""Relative rounding of the same samples in another unit."""
 
 
 def _equal(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"]) -> bool:
@@ -65,28 +62,28 @@ def _equal(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"]) -> bool
 
 
 def _informative(values: Float[np.ndarray, " n"]) -> int:
-    """How many samples there are; 0 of few, and of those that show nothing but rest."""
+    """The number of samples; 0 of few, and of those that show nothing but rest."""
     return values.size if values.size >= _FEWEST and np.ptp(values) > 0 else 0
 
 
 _FEWEST_MOVING = 8
-"""Samples from which it is looked at."""
+"""Samples from which the direction of a record is judged."""
 
 
 def warn_of_reversed_signs(records: Sequence[Record]) -> None:
     """Warn with `InputWarning` of records of displacements that move against their drives."""
     for record in records:
-        if found := _doubt(record):
+        if found := _reversed_sign(record):
             warnings.warn(f"{record.file}: {found}", InputWarning, stacklevel=2)
 
 
 def about_signs(records: Sequence[Record]) -> list[str]:
-    """The same as sentences for a report."""
-    return [f"{found[0].upper()}{found[1:]}" for record in records if (found := _doubt(record))]
+    """Sentences for a report on records of displacements that move against their drives."""
+    return [f"{found[0].upper()}{found[1:]}" for record in records if (found := _reversed_sign(record))]
 
 
-def _doubt(record: Record) -> str | None:
-    if not (_told(record) and _against(record)):
+def _reversed_sign(record: Record) -> str | None:
+    if not (_has_direction(record) and _against(record)):
         return None
     turned = " or the drive's direction is the other one" if _has_flanks(record) else ""
     return (
@@ -107,8 +104,8 @@ def _has_flanks(record: Record) -> bool:
     return record.drive is not None and record.drive.flanks() is not None
 
 
-def _told(record: Record) -> bool:
-    """Whether the voltage says which way a record goes: not where it is a wave that the platform may lag behind."""
+def _has_direction(record: Record) -> bool:
+    """Whether the voltage says which way a record goes; it does not where the platform may lag behind a wave."""
     if record.drive is None or record.measurement.unit != "m" or record.time.size < _FEWEST_MOVING:
         return False
     return _has_flanks(record) or (record.measurement.platform_alone and record.drive.cycle_frequency() is None)

@@ -35,26 +35,26 @@ class Comparison(eqx.Module):
     offsets: tuple[float | None, ...]
     """Given zeros of the sensors, each in its unit; None where free."""
     loss: AbstractLoss
-    apart: dict[str, Float[np.ndarray, "2"]]
-    """By path of a free parameter that was measured apart, in alphabetical order: number and standard error [SI]."""
+    priors: dict[str, Float[np.ndarray, "2"]]
+    """Number and standard error [SI] of each free parameter that was measured apart, by path in alphabetical order."""
 
     def __init__(
         self,
         records: Sequence[Record],
         loss: AbstractLoss | None = None,
-        apart: Mapping[str, tuple[float, float]] | None = None,
+        priors: Mapping[str, tuple[float, float]] | None = None,
     ):
         self.measured = tuple(record.measured for record in records)
         self.used = tuple(np.ones(record.measured.size, bool) for record in records)
         self.offsets = tuple(record.offset for record in records)
         self.loss = Squares() if loss is None else loss
         # In the order that JAX gives a dictionary: it is that of the residuals, compiled or not.
-        self.apart = {path: np.asarray(told, float) for path, told in sorted((apart or {}).items())}
+        self.priors = {path: np.asarray(prior, float) for path, prior in sorted((priors or {}).items())}
 
     @property
     def size(self) -> int:
         """How many residuals there are: samples of all records, then what was measured apart."""
-        return sum(measured.size for measured in self.measured) + len(self.apart)
+        return sum(measured.size for measured in self.measured) + len(self.priors)
 
     def __call__(
         self,
@@ -77,7 +77,7 @@ class Comparison(eqx.Module):
         values: Values,
         weights: Float[Array | np.ndarray, " records"],
     ) -> tuple[list[Float[Array, " samples"]], list[Scalar]]:
-        """The same, of each record; what was measured apart is the last of the residuals."""
+        """The residuals and the offset of each record; what was measured apart is the last of the residuals."""
         parts, zeros = [], []
         for i, (measured, motion, offset) in enumerate(zip(self.measured, predicted, self.offsets, strict=True)):
             difference = jnp.asarray(measured - motion)
@@ -85,26 +85,26 @@ class Comparison(eqx.Module):
             zero = self.loss.location(difference, weight) if offset is None else jnp.asarray(offset, float)
             parts.append(jnp.where(weight > 0, self.loss.root((difference - zero) * weight), 0.0))
             zeros.append(zero)
-        told = [(values[path] - number) / error for path, (number, error) in self.apart.items()]
-        return [*parts, jnp.asarray(told, float)], zeros
+        deviations = [(values[path] - number) / error for path, (number, error) in self.priors.items()]
+        return [*parts, jnp.asarray(deviations, float)], zeros
 
 
-def measured_apart(parameters: Mapping[str, Parameter]) -> dict[str, tuple[float, float]]:
+def prior_measurements(parameters: Mapping[str, Parameter]) -> dict[str, tuple[float, float]]:
     """Number and standard error [SI] of the parameters that were measured apart, by path."""
-    return {path: told for path, p in parameters.items() if (told := p.measured_apart) is not None}
+    return {path: prior for path, p in parameters.items() if (prior := p.measured_apart) is not None}
 
 
 class Evaluated(NamedTuple):
-    """Motions and residuals at a point, the last of some, and derivatives where they were wanted."""
+    """Motions and residuals at the last of some points, and derivatives where they were wanted."""
 
     squares: Float[Array, " points"]
     """The sum of squares of the residual, of each of the points."""
     motions: list[Float[Array, " samples"]]
-    """Of every record that is used."""
+    """Predicted motion of every record that is used."""
     residual: Float[Array, " n"]
     offsets: Float[Array, " records"]
     jacobian: Float[Array, "n p"]
-    """Of the residual; 0 where no derivatives were wanted."""
+    """The Jacobian of the residual; 0 where no derivatives were wanted."""
     offsets_jacobian: Float[Array, "records p"]
 
 
@@ -118,14 +118,14 @@ class Evaluator:
     """The records of a study beside their predictions: compiled once for values and for derivatives, whoever asks."""
 
     predictor: Predictor
-    """Of all records, fitted or not."""
+    """Predictor of all records, fitted or not."""
     comparison: Comparison
-    """Of those that are fitted."""
+    """Samples of the records that are fitted."""
     accuracy: Accuracy
     places: tuple[int, ...] = dataclasses.field(metadata={"static": True})
-    """Where these stand among all."""
+    """Places of the fitted records among all."""
     paths: tuple[str, ...] = dataclasses.field(metadata={"static": True})
-    """Of all parameters."""
+    """Paths of all parameters."""
     free: tuple[str, ...] = dataclasses.field(metadata={"static": True})
     """The paths by which derivatives are taken."""
 
@@ -145,7 +145,7 @@ class Evaluator:
         return _evaluated(*self._asked(points, weights, used, directions))
 
     def lowered(self, values: Values, weights: Float[Array | np.ndarray, " records"]) -> Lowered:
-        """What is compiled, traced; its `compile` may go on in another thread."""
+        """The program of an evaluation, traced; its `compile` may go on in another thread."""
         return _evaluated.prepared(*self._asked([values], weights, None, None))
 
     def _asked(
@@ -178,12 +178,12 @@ def _evaluated(
     comparison, predictor, p = of.comparison, of.predictor, len(of.free)
     moving = {path: directions[i] for i, path in enumerate(of.free)}
     at = lambda row: {path: points[row, i] for i, path in enumerate(of.paths)}
-    apart_of = lambda values: {path: values[path] for path in comparison.apart}
+    prior_values = lambda values: {path: values[path] for path in comparison.priors}
 
     def next_point(row: Count, so_far: Tree) -> Tree:
         values, (squares, _, memory, *_) = at(row), so_far
         motions, memory = predictor.linearised(values, moving, sloped, of.accuracy, memory, used)
-        residual, offsets = comparison([motions[place] for place in of.places], apart_of(values), weights)
+        residual, offsets = comparison([motions[place] for place in of.places], prior_values(values), weights)
         return squares.at[row].set(jnp.sum(residual**2)), motions, memory, residual, offsets
 
     # Memory that each point writes over, cleared once.
@@ -191,11 +191,11 @@ def _evaluated(
     motions = [jnp.zeros(size) for size in predictor.samples]
     nothing = jnp.zeros(len(points)), motions, memory, jnp.zeros(comparison.size), jnp.zeros(len(of.places))
     squares, motions, memory, residual, offsets = lax.fori_loop(0, count, next_point, nothing)
-    fitted, apart = [motions[place] for place in of.places], apart_of(at(count - 1))
+    fitted, priors = [motions[place] for place in of.places], prior_values(at(count - 1))
 
     def along(fitted_dot: list[Float[Array, " samples"]], direction: Values) -> tuple[Tree, Tree]:
-        compared = lambda fitted, apart: comparison.by_record(fitted, apart, weights)
-        return jax.jvp(compared, (fitted, apart), (fitted_dot, apart_of(direction)))[1]
+        compared = lambda fitted, priors: comparison.by_record(fitted, priors, weights)
+        return jax.jvp(compared, (fitted, priors), (fitted_dot, prior_values(direction)))[1]
 
     def with_slopes() -> tuple[Float[Array, "n p"], Float[Array, "records p"]]:
         # Put together after vmap, or XLA would turn the Jacobian round, wanted or not.
@@ -228,11 +228,11 @@ class Residual:
         fixed: Mapping[str, float],
         accuracy: Accuracy,
         loss: AbstractLoss | None = None,
-        apart: Mapping[str, tuple[float, float]] | None = None,
+        priors: Mapping[str, tuple[float, float]] | None = None,
     ) -> "Residual":
         """Make the residual of these `records`; the parameters `fixed` are numbers [SI] by path."""
         numbers = {path: np.asarray(value, float) for path, value in fixed.items()}
-        return Residual(Predictor(models, records), Comparison(records, loss, apart), transform, numbers, accuracy)
+        return Residual(Predictor(models, records), Comparison(records, loss, priors), transform, numbers, accuracy)
 
     @property
     def loss(self) -> AbstractLoss:
@@ -240,9 +240,9 @@ class Residual:
         return self.comparison.loss
 
     @property
-    def apart(self) -> dict[str, Float[np.ndarray, "2"]]:
+    def priors(self) -> dict[str, Float[np.ndarray, "2"]]:
         """Number and standard error [SI] of the free parameters that were measured apart, by path."""
-        return self.comparison.apart
+        return self.comparison.priors
 
     @property
     def size(self) -> int:

@@ -1,4 +1,4 @@
-"""What records of steady sines alone cannot tell: a sine tells gain and phase at its frequency, two numbers.
+"""Parameters that records of steady sines cannot separate: a sine tells gain and phase at its frequency, two numbers.
 
 A stack's natural frequency, damping ratio and hysteresis all turn the phase.  Where records have fewer frequencies than
 these need, a fit separates them by the shape of the loops, which is that of the law assumed and not of the stack: it
@@ -28,8 +28,8 @@ _ALIKE = 0.01
 _HARMONICS = 60
 """Largest number of harmonics of the drive in a steady motion."""
 
-_TOLD = 0.1
-"""Standard error on the fit's scale up to which what is no steady motion tells a parameter."""
+_DETERMINED = 0.1
+"""Standard error on the fit's scale up to which a motion that is not steady determines a parameter."""
 
 ELECTRONICS = ("sensor.bandwidth", "sensor.delay", "amplifier.bandwidth")
 """Parameters that turn the phase, too."""
@@ -48,17 +48,19 @@ class Inseparable(NamedTuple):
     """The different frequencies of the drives [Hz]."""
 
     @property
-    def told(self) -> int:
-        """Numbers that the records tell: a gain and a phase at each frequency."""
+    def known_numbers(self) -> int:
+        """How many numbers the records determine: a gain and a phase at each frequency."""
         return 2 * len(self.frequencies)
 
     @property
-    def needed(self) -> int:
-        """Numbers that are wanted of them."""
+    def unknown_numbers(self) -> int:
+        """How many numbers are to be found from these."""
         return len(self.paths) + len(self.beside)
 
 
 class _Sine(NamedTuple):
+    """The sine of a voltage."""
+
     frequency: float
     """[Hz]"""
     amplitude: float
@@ -84,8 +86,8 @@ def inseparable(problem: Problem, fit: Fit) -> Inseparable | None:
     beside = ["piezo.gain"] * ("piezo.gain" in bare) + ["hysteresis"] * (lossy and not several)
     if len(turning) + len(beside) <= 2 * len(frequencies):
         return None
-    told = _told_by_onset(problem, fit, [float(sine.frequency) for sine in known])
-    left = tuple(path for path in turning if path not in told)
+    determined = _determined_by_onset(problem, fit, [float(sine.frequency) for sine in known])
+    left = tuple(path for path in turning if path not in determined)
     if not left:
         return None
     return Inseparable(left, tuple(beside), tuple(record.name for record in problem.records), tuple(frequencies))
@@ -137,8 +139,8 @@ def _distinct(numbers: Sequence[float]) -> list[float]:
     return kept
 
 
-def _told_by_onset(problem: Problem, fit: Fit, frequencies: Sequence[float]) -> set[str]:
-    """Paths of free parameters that are told by what is no steady motion: the onset of a drive that dies away."""
+def _determined_by_onset(problem: Problem, fit: Fit, frequencies: Sequence[float]) -> set[str]:
+    """Paths of the free parameters that a motion determines that is not steady: the onset of a drive that dies away."""
     jacobian = np.asarray(fit.state.jacobian)
     if not np.isfinite(jacobian).all():
         return set()
@@ -150,7 +152,7 @@ def _told_by_onset(problem: Problem, fit: Fit, frequencies: Sequence[float]) -> 
     transform = problem.residual.transform
     known = least_squares_covariance(rest, transform.at_bound(fit.free))
     error = np.sqrt(np.diag(known.matrix) * max(1.0, Evidence(problem, fit).reduced_chi2))
-    return {path for path, e in zip(transform.paths, error, strict=True) if e < _TOLD}
+    return {path for path, e in zip(transform.paths, error, strict=True) if e < _DETERMINED}
 
 
 def _steady_part(

@@ -36,7 +36,7 @@ from .covariance import Covariance, correlation
 from .diagnosis import contradicting, diagnose
 from .evidence import Evidence
 from .least_squares import START_FAILED, Fit, Method, by_record
-from .notes.of_fit import ErrorFacts, notes_of
+from .notes.of_fit import notes_of
 from .parameter_transform import ParameterTransform
 from .problem import Problem
 from .residual import free_offset
@@ -48,20 +48,22 @@ from .uncertainty.parameter_errors import standard_errors_of
 from .uncertainty.two_steps import amplification_of
 from .validation import is_refuted
 
-_SEEN = 0.1
-"""Standard deviation of the difference over the standard error told, below which the records tell next to nothing: the
-error of the estimate is 99.5 % of that told, or more."""
+_INFORMATIVE = 0.1
+"""Standard deviation of the difference over the prior's standard error, below which the records tell next to nothing:
+the error of the estimate is 99.5 % of the prior's, or more."""
 
 
-def measured_apart(told: tuple[float, float], value: float, variance: float, covariance: float) -> MeasuredApart:
-    """The number and error measured apart of a parameter (`told`) beside its estimate; all in its unit.
+def measurement_with_pull(
+    prior: tuple[float, float], value: float, variance: float, covariance: float
+) -> MeasuredApart:
+    """The number and error measured apart of a parameter, the `prior`, with the pull of its estimate; all in its unit.
 
-    **Arguments:** the estimate's `value` and `variance`, NaN where not known, and its `covariance` with what was told.
+    **Arguments:** the estimate's `value` and `variance`, NaN where not known, and its `covariance` with the prior.
     """
-    number, error = told
+    number, error = prior
     difference = variance + error**2 - 2.0 * covariance
-    seen = difference > (_SEEN * error) ** 2
-    return MeasuredApart(number, error, (value - number) / math.sqrt(difference) if seen else math.nan)
+    informative = difference > (_INFORMATIVE * error) ** 2
+    return MeasuredApart(number, error, (value - number) / math.sqrt(difference) if informative else math.nan)
 
 
 WEAKLY_DETERMINED = float(np.log(10.0))
@@ -89,15 +91,15 @@ def summarise(
     declared = study.bounded_parameters
     bounds = {path: declared[path].bounds() for path in free.paths}
     intervals = linear_intervals(free.own(fit.free), deviation, freedom, free, bounds)
-    place = lambda declared: free.paths.index(declared.path) if declared.free else None
+    place = lambda parameter: free.paths.index(parameter.path) if parameter.free else None
     parameters = {
-        path: _parameter(told, values[path], starts[path], place(told), fit, free, deviation, freedom, intervals, known)
-        for path, told in declared.items()
+        path: _parameter(p, values[path], starts[path], place(p), fit, free, deviation, freedom, intervals, known)
+        for path, p in declared.items()
     }
     if naive is not None:
         own_naive = np.diag(free.own_covariance(naive))
         parameters = _with_naive_errors(parameters, free.paths, np.sqrt(own_naive) * slopes)
-    parameters |= _with_told(parameters, study, free.paths, slopes**2 * cov_with_prior)
+    parameters |= _with_priors(parameters, study, free.paths, slopes**2 * cov_with_prior)
     records = _compared(study, evidence, known.matrix, values, factor)
     diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
     if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
@@ -135,8 +137,8 @@ def summarise(
         solver=solver_name(problem.residual.accuracy.method),
         provenance=Provenance(study=str(study.path or ""), versions=installed_versions()),
     )
-    facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, loss.is_robust, missed, mixed)
-    return dataclasses.replace(estimate, notes=notes_of(estimate, study, fit, free, facts))
+    notes = notes_of(estimate, study, evidence, known.null, weakly_determined, factor, missed, mixed)
+    return dataclasses.replace(estimate, notes=notes)
 
 
 def _determined(
@@ -184,7 +186,7 @@ def how_it_ended(problem: Problem, fit: Fit, values: Mapping[str, float]) -> str
     return f"{START_FAILED}: {cause or 'its residuals are not finite'}"
 
 
-def _with_told(
+def _with_priors(
     parameters: Mapping[str, FittedParameter],
     study: Study,
     paths: Sequence[str],
@@ -193,12 +195,12 @@ def _with_told(
     """Parameters that were measured apart, with their pulls; `cov_with_prior`: covariances with those numbers, SI."""
     out = {}
     for path, covariance in zip(paths, cov_with_prior, strict=True):
-        found, told = parameters[path], study.parameters[path].measured_apart
-        if told is not None:
+        found, prior = parameters[path], study.parameters[path].measured_apart
+        if prior is not None:
             # At a bound it is not where chance would have it.
             error = np.nan if found.at_bound else found.standard_error
             out[path] = dataclasses.replace(
-                found, measured_apart=measured_apart(told, found.value, error**2, float(covariance))
+                found, measured_apart=measurement_with_pull(prior, found.value, error**2, float(covariance))
             )
     return out
 
@@ -206,6 +208,7 @@ def _with_told(
 def _with_naive_errors(
     parameters: Mapping[str, FittedParameter], paths: Sequence[str], errors: Float[np.ndarray, " p"]
 ) -> dict[str, FittedParameter]:
+    """The parameters with the errors that take the first of two steps as exact."""
     naive = {path: float(error) for path, error in zip(paths, errors, strict=True)}
     return {
         path: dataclasses.replace(p, naive_standard_error=naive[path]) if p.free and p.identifiable else p
@@ -297,7 +300,7 @@ def _undisturbed(
     values: Mapping[str, float],
     motions: list[Float[np.ndarray, " samples"]],
 ) -> Sequence[Float[np.ndarray, " samples"] | None]:
-    """What every record would be predicted as had the fit not seen samples that stand out; None for `motions`."""
+    """The prediction of every record by the fit without the samples that stand out; None stands for `motions`."""
     problem, fit = evidence.problem, evidence.fit
     if problem.residual.loss.is_robust or not np.isfinite(fit.chi2):
         return [None] * len(motions)

@@ -24,14 +24,14 @@ from .losses.base import AbstractLoss
 from .problem import Problem
 from .residual import Residual, free_offset
 
-_UNTOLD = 1e3
-"""Standard deviation, on the fit's scale, of a parameter that the records fitted tell nothing of."""
+_UNINFORMATIVE_STD = 1e3
+"""Standard deviation, on the fit's scale, of a parameter without information in the fitted records."""
 
 _ROUNDS = 3
 """Rounds of looking for samples that stand out: what parameters explain hides them."""
 
 _EVALUATIONS = 30
-"""In each."""
+"""Largest number of evaluations in each round."""
 
 
 class Missed(NamedTuple):
@@ -72,6 +72,7 @@ def is_refuted(missed: Sequence[Missed]) -> bool:
 
 
 def _beside(record: Record, motion: Float[np.ndarray, " samples"], loss: AbstractLoss) -> FittedRecord:
+    """A record beside its predicted `motion`, with its zero."""
     noise = _noise(record)
     zero = free_offset(record.measured, motion, record.offset, loss, noise)
     return compare(record, motion, noise=noise, offset=zero, undisturbed=motion)
@@ -90,13 +91,13 @@ def _at_best(
     free: Float[np.ndarray, " p"],
     covariance: Float[np.ndarray, "p p"],
 ) -> list[FittedRecord]:
-    """The `records` beside what they are predicted as where parameters move within their errors to explain them all."""
+    """The `records` beside their predictions by parameters that move within their errors to explain them all."""
     residual, noise = problem.residual, np.array([_noise(record) for record in records])
     fixed = {path: float(number) for path, number in residual.fixed.items()}
     # As if they were fitted: those are the records that have derivatives to their end.
     fitted = tuple(dataclasses.replace(record, role="fit") for record in records)
-    seen = Residual.of(study.models, fitted, residual.transform, fixed, residual.accuracy)
-    whole = Problem(seen, fitted, noise, predictor=on_device(seen.predictor), places=tuple(range(len(fitted))))
+    unseen = Residual.of(study.models, fitted, residual.transform, fixed, residual.accuracy)
+    whole = Problem(unseen, fitted, noise, predictor=on_device(unseen.predictor), places=tuple(range(len(fitted))))
     root, whitened = _root(covariance, residual.transform.at_bound(free)), np.asarray(whole.whitened(free))
     motions, errors = [record.predicted - record.offset for record in found], np.zeros(root.shape[1])
     for _ in range(_ROUNDS if errors.size else 0):
@@ -131,14 +132,14 @@ def _within_errors(
 
 
 def _root(covariance: Float[np.ndarray, "p p"], held: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p q"]:
-    """Times independent errors of one standard deviation each it gives errors with this `covariance`."""
+    """A root of the `covariance`, which turns independent errors of standard deviation 1 into those of parameters."""
     deviation = np.sqrt(np.diag(covariance))
     known = np.isfinite(deviation) & (deviation > 0.0)
     correlation = covariance[np.ix_(known, known)] / np.outer(deviation[known], deviation[known])
     sizes, axes = np.linalg.eigh(correlation)
     of_known = np.zeros((deviation.size, sizes.size))
     of_known[known] = deviation[known, None] * axes * np.sqrt(np.maximum(sizes, 0.0))
-    return np.hstack([of_known, _UNTOLD * np.eye(deviation.size)[:, ~np.isfinite(deviation) & ~held]])
+    return np.hstack([of_known, _UNINFORMATIVE_STD * np.eye(deviation.size)[:, ~np.isfinite(deviation) & ~held]])
 
 
 def _unknown_parameters(study: Study) -> dict[str, tuple[str, ...]]:

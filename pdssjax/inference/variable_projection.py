@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..study import split_path
-from .problem import Linearisation, Problem
+from .problem import LinearisedResidual, Problem
 from .solver.box_least_squares import solve_in_box, triangle
 
 FEWEST_LINEAR = 2
@@ -52,7 +52,7 @@ _BEGIN, _LEAST, _LARGEST = 1e-3, 1e-12, 1e6
 
 
 class Projected(NamedTuple):
-    """Where the search ended."""
+    """The end of a search by variable projection."""
 
     free: Float[np.ndarray, " p"]
     """All parameters, on the fit's scale."""
@@ -103,7 +103,9 @@ def project(
     """
     linear, searched = linear & fitted, fitted & ~linear
     logarithmic = problem.residual.transform.logarithmic
-    task = _Task(Linearisation(problem.residual, weights), linear, searched, searched & logarithmic, *problem.bounds)
+    task = _Task(
+        LinearisedResidual(problem.residual, weights), linear, searched, searched & logarithmic, *problem.bounds
+    )
     here = _solved(task, np.clip(free, task.low, task.high))
     count = 1
     if searched.any() and np.isfinite(here.chi2):
@@ -117,7 +119,7 @@ def project(
 
 
 class _Task(NamedTuple):
-    at: Linearisation
+    at: LinearisedResidual
     linear: Bool[np.ndarray, " p"]
     searched: Bool[np.ndarray, " p"]
     positive: Bool[np.ndarray, " p"]
@@ -127,7 +129,7 @@ class _Task(NamedTuple):
 
 
 def _forecast(task: _Task, here: _Point, is_near: bool) -> str:
-    """How long a search will take, by what one linearisation takes."""
+    """A forecast of the time that a search takes, by that of one linearisation."""
     begun = time.perf_counter()
     jax.block_until_ready(task.at(here.free))
     each, positive = time.perf_counter() - begun, int(task.positive.sum())
@@ -161,7 +163,7 @@ def _by_factors(task: _Task, here: _Point) -> tuple[_Point, int]:
 
 
 def _by_decades(task: _Task, here: _Point) -> tuple[_Point, int]:
-    """In the end, where an element is unused: the times or thresholds may stand a decade off, in another valley."""
+    """The last stage: where an element is unused, times or thresholds may stand a decade off, in another valley."""
     if not _leaves_unused(task, here):
         return here, 0
     count, rivals = 0, []
@@ -227,7 +229,7 @@ def _by_quasi_newton(task: _Task, here: _Point) -> tuple[_Point, int]:
         better = there.chi2 < here.chi2
         if np.isfinite(there.chi2):
             moved, slope_there = (there.free - here.free)[inside] * scale, slope(there)
-            curvature = _learnt(curvature, moved, slope_there - gradient)
+            curvature = _updated_curvature(curvature, moved, slope_there - gradient)
             if predicted < _ROUNDING * here.chi2:
                 # Sums of squares no longer tell, but slopes do.
                 better = bool(np.linalg.norm(slope_there) < np.linalg.norm(gradient))
@@ -239,7 +241,7 @@ def _by_quasi_newton(task: _Task, here: _Point) -> tuple[_Point, int]:
     return here, count
 
 
-def _learnt(
+def _updated_curvature(
     curvature: Float[np.ndarray, "s s"], moved: Float[np.ndarray, " s"], changed: Float[np.ndarray, " s"]
 ) -> Float[np.ndarray, "s s"]:
     """The curvature after a step, by the BFGS formula damped after M. J. D. Powell, 1978: it stays positive."""
@@ -247,8 +249,8 @@ def _learnt(
     expected = float(moved @ bent)
     if expected <= 0.0:
         return curvature
-    seen = float(moved @ changed)
-    share = 1.0 if seen >= 0.2 * expected else 0.8 * expected / (expected - seen)
+    change = float(moved @ changed)
+    share = 1.0 if change >= 0.2 * expected else 0.8 * expected / (expected - change)
     mixed = share * changed + (1.0 - share) * bent
     return curvature - np.outer(bent, bent) / expected + np.outer(mixed, mixed) / float(moved @ mixed)
 

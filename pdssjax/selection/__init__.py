@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from .comparison import (
         Comparison as Comparison,
         Difference as Difference,
+        DiscriminatingRecord as DiscriminatingRecord,
         FittedCandidate as FittedCandidate,
         Misfit as Misfit,
         RecordNoise as RecordNoise,
         Result as Result,
-        TellingRecord as TellingRecord,
     )
 else:
     from ..core.lazy import lazy_exports

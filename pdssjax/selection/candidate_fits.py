@@ -23,12 +23,12 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ..core import InputError, InputWarning, prepare_jax, require_float64
+from ..core import InputError, InputWarning, use_float64
 from ..inference import Progress, effort_of, fingerprint, identify, quiet
 from ..study import Estimate, Study
 from .candidates import Candidate, neighbours, starting_near
 from .comparison import FittedCandidate
-from .held_out import HeldOut, Part, held_out
+from .held_out import Part, held_out
 from .worker_processes import gathered, workers
 
 NO_BETTER = 1.0
@@ -48,8 +48,7 @@ COMPARED_AT_ONCE = 2
 """Models that are compared with other starts side by side, whatever the number of cores."""
 
 IN_VAIN = 2
-"""Times in a row that this may not lower the deviance of the best: then no model is right."""
-
+"""Comparisons with other starts in a row that may not lower the deviance of the best: then no model is right."""
 
 HOPELESS = 0.5
 """Deviance a sample by which a model may leave more than the best one and still be fitted to its end, and without each
@@ -58,10 +57,10 @@ ones."""
 
 
 class CandidateStore(Protocol):
-    """Where fitted candidates are kept, so that a comparison that is broken off can go on."""
+    """Keeps fitted candidates, so that a comparison that is broken off can go on."""
 
     def kept(self, candidate: Candidate, digest: str) -> FittedCandidate | None:
-        """What was kept of a candidate with this `digest`; None where there is nothing, or something else."""
+        """The fit kept of a candidate with this `digest`; None where there is none, or another one."""
         ...
 
     def keep(self, candidate: Candidate, digest: str, fitted: FittedCandidate, estimate: Estimate | None) -> None:
@@ -69,36 +68,17 @@ class CandidateStore(Protocol):
         ...
 
 
-class InMemoryStore:
-    """Keeps nothing beyond the comparison."""
-
-    def kept(self, candidate: Candidate, digest: str) -> FittedCandidate | None:
-        return None
-
-    def keep(self, candidate: Candidate, digest: str, fitted: FittedCandidate, estimate: Estimate | None) -> None:
-        pass
-
-
-class Near(NamedTuple):
-    """The optimum of another model that a fit begins at."""
-
-    name: str
-    values: Mapping[str, float]
-    """Of its free parameters [SI], by path."""
-    deviance: float
-
-
 class Task(NamedTuple):
-    """What one process is asked for."""
+    """The work of one process on one candidate."""
 
     candidate: Candidate
     effort: str
-    near: Near | None = None
-    """Where to begin; None: where the study says, or a search finds."""
+    near: FittedCandidate | None = None
+    """The model at whose optimum a fit begins; None: where the study says, or a search finds."""
     earlier: FittedCandidate | None = None
-    """What it ended at before."""
+    """The candidate as it was fitted before; None at first."""
     parts: tuple[Part, ...] = ()
-    """What to hold out in the end."""
+    """Parts to hold out in the end."""
     best: float = np.inf
     """Deviance and twice the number of parameters of the best model; infinite where none is known that is right."""
 
@@ -113,7 +93,7 @@ Answer = tuple[FittedCandidate, Estimate | None]
 
 
 def digest_of(candidate: Candidate, effort: str, parts: Sequence[Part]) -> str:
-    """What a candidate's result depends on: model, parameters, records, what is held out, and the effort."""
+    """A digest of what a candidate's result depends on: model, parameters, records, parts held out, and effort."""
     study = candidate.study
     records = [
         dataclasses.replace(record, file=type(record.file)(), columns={}, name=record.name) for record in study.records
@@ -129,7 +109,7 @@ def fit_all(
     parts: tuple[Part, ...],
     effort: str,
     executor: Executor | None,
-    store: CandidateStore,
+    store: CandidateStore | None,
     report: Progress,
 ) -> dict[str, FittedCandidate]:
     """Every candidate's fit and what it predicts of the `parts` without having seen them, by name."""
@@ -138,7 +118,7 @@ def fit_all(
     for candidate in candidates:
         if candidate.refused:
             done[candidate.name] = failed(candidate, candidate.refused)
-        elif (kept := store.kept(candidate, digests[candidate.name])) is not None:
+        elif store is not None and (kept := store.kept(candidate, digests[candidate.name])) is not None:
             done[candidate.name] = kept
 
     def open_ones() -> list[Candidate]:
@@ -147,13 +127,13 @@ def fit_all(
     def keep(candidate: Candidate, answer: Answer) -> None:
         fitted, estimate = answer
         done[candidate.name] = fitted
-        if estimate is not None or fitted.finished:
+        if store is not None and (estimate is not None or fitted.finished):
             store.keep(candidate, digests[candidate.name], fitted, estimate)
         ended = len(candidates) - len(open_ones())
         count, what = (ended, "done") if fitted.finished else (len(done), "fitted")
-        # At first a fit is broken off early: only of what it ends at does it matter.
-        told = fitted.failure or (f"{what}, did not converge" if fitted.finished and not fitted.converged else what)
-        report(f"{count} of {len(candidates)} models {what}; {candidate.name}: {told}, {fitted.seconds:.0f} s")
+        # A first fit is broken off early, so that only a finished one is said not to have converged.
+        outcome = fitted.failure or (f"{what}, did not converge" if fitted.finished and not fitted.converged else what)
+        report(f"{count} of {len(candidates)} models {what}; {candidate.name}: {outcome}, {fitted.seconds:.0f} s")
 
     if not open_ones():
         return done
@@ -173,10 +153,10 @@ def fit_all(
                 return None
             if right := [done[c.name] for c in before if done[c.name].explained]:
                 best = min(right, key=_misfit)
-                return Task(candidate, effort, _optimum_of(best), best=_misfit(best))
+                return Task(candidate, effort, best, best=_misfit(best))
             if (neighbour := near[candidate.name]) is not None and neighbour not in done:
                 return None
-            return Task(candidate, effort, _optimum_near(candidate, near, done))
+            return Task(candidate, effort, _nearest_fitted(candidate, near, done))
 
         run(fit_candidate, [c for c in own if c.name not in done], lambda c: Task(c, effort))
         own_is_right = any(done[c.name].explained for c in own)
@@ -226,30 +206,26 @@ def _best(done: Mapping[str, FittedCandidate]) -> FittedCandidate | None:
     return best if _is_usable(best) else None
 
 
-def _worth_trying(fitted: FittedCandidate, best: FittedCandidate | None) -> Near | None:
-    """The optimum of the `best` model, where a model that explains less has not begun there yet."""
+def _worth_trying(fitted: FittedCandidate, best: FittedCandidate | None) -> FittedCandidate | None:
+    """The `best` model, where a model that explains less has not begun at its optimum yet."""
     if best is None or best.name == fitted.name or (fitted.explained and fitted.converged):
         return None
     begun_there = fitted.start == best.name and not best.compared
-    return None if begun_there else _optimum_of(best)
-
-
-def _optimum_of(fitted: FittedCandidate) -> Near:
-    return Near(fitted.name, _free_values(fitted), fitted.deviance)
+    return None if begun_there else best
 
 
 def _free_values(fitted: FittedCandidate) -> dict[str, float]:
     return {path: fitted.values[path] for path in fitted.free}
 
 
-def _optimum_near(
+def _nearest_fitted(
     candidate: Candidate, near: Mapping[str, str | None], done: Mapping[str, FittedCandidate]
-) -> Near | None:
-    """The optimum of the nearest simpler candidate that has a fit."""
+) -> FittedCandidate | None:
+    """The nearest simpler candidate that has a fit."""
     name = near[candidate.name]
     while name is not None and not _is_usable(done[name]):
         name = near.get(name)
-    return None if name is None else _optimum_of(done[name])
+    return None if name is None else done[name]
 
 
 def _timed(work: Callable[[Task], Answer]) -> Callable[[Task], Answer]:
@@ -258,10 +234,7 @@ def _timed(work: Callable[[Task], Answer]) -> Callable[[Task], Answer]:
     @functools.wraps(work)
     def timed(task: Task) -> Answer:
         begun, before = time.perf_counter(), task.earlier.seconds if task.earlier else 0.0
-        try:
-            require_float64("compare")
-        except InputError:
-            prepare_jax()
+        use_float64()
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", InputWarning)
@@ -288,7 +261,7 @@ def fit_candidate(task: Task) -> Answer:
     own, near = task.candidate.study, task.near
     if near is None:
         return _fit_as_long_as_close(task, own, STUDY)
-    first = _fit_as_long_as_close(task, starting_near(task.candidate, near.values), near.name)
+    first = _fit_as_long_as_close(task, starting_near(task.candidate, _free_values(near)), near.name)
     if first[0].deviance <= near.deviance + NO_BETTER or np.isfinite(task.best):
         return first
     return _better(first, _fit_once(task, own, STUDY, FIRST))
@@ -298,7 +271,8 @@ def fit_candidate(task: Task) -> Answer:
 def compare_starts(task: Task) -> Answer:
     """Fit a candidate from the study's own starts, compared with other starts where that is poor."""
     estimate = identify(task.candidate.study, effort=task.effort, progress=quiet)
-    found = _better((_earlier(task), None), _answer_of(task, estimate, STUDY))
+    assert task.earlier is not None
+    found = _better((task.earlier, None), _answer_of(task, estimate, STUDY))
     return dataclasses.replace(found[0], compared=True), found[1]
 
 
@@ -309,10 +283,11 @@ def finish(task: Task) -> Answer:
     One that explains nearly as much as the best is brought to its end first; one that leaves much more is taken for
     what it leaves of the parts in its fit, which is to its advantage.
     """
-    found: Answer = _earlier(task), None
+    assert task.earlier is not None
+    found: Answer = task.earlier, None
     if task.near is not None:
         begun = dataclasses.replace(task.candidate, study=_starting_where_it_ended(task.candidate, found[0]))
-        near = starting_near(begun, task.near.values)
+        near = starting_near(begun, _free_values(task.near))
         found = _better(found, _fit_as_long_as_close(task, near, task.near.name))
     is_close = _misfit(found[0]) <= task.most
     if is_close and not found[0].converged:
@@ -322,30 +297,23 @@ def finish(task: Task) -> Answer:
     if not _is_usable(fitted):
         return failed(task.candidate, f"the fit has no end: {fitted.message}"), estimate
     if is_close:
-        parts = held_out(task.candidate.study, fitted, task.parts)
+        predicted, refitted = held_out(task.candidate.study, fitted, task.parts)
     else:
-        parts = HeldOut(tuple(fitted.residuals[part.record][part.rows] for part in task.parts), 0)
+        predicted, refitted = tuple(fitted.residuals[part.record][part.rows] for part in task.parts), 0
     finite = lambda residual: bool(np.isfinite(residual).all())
     pairs = zip(task.candidate.study.records, fitted.residuals, strict=True)
     if lost := [record.name for record, residual in pairs if not finite(residual)]:
         return failed(task.candidate, f'where its fit ended it cannot simulate the record "{lost[0]}"'), estimate
-    if not all(map(finite, parts.residuals)):
+    if not all(map(finite, predicted)):
         why = "it cannot be simulated at the parameters that it has without some of the samples"
         return failed(task.candidate, why), estimate
-    whole = dataclasses.replace(fitted, held_out=parts.residuals, refitted=parts.refitted, finished=True)
+    whole = dataclasses.replace(fitted, held_out=predicted, refitted=refitted, finished=True)
     return whole, estimate
 
 
 def _starting_where_it_ended(candidate: Candidate, fitted: FittedCandidate) -> Study:
     """The candidate's study with the optimum of a fit of it as starts; as it is where that fit has no end."""
     return starting_near(candidate, _free_values(fitted)) if _is_usable(fitted) else candidate.study
-
-
-def _earlier(task: Task) -> FittedCandidate:
-    """What the candidate of a `task` ended at before."""
-    if task.earlier is None:
-        raise ValueError(f"{task.candidate.name}: found no fit to go on from, expected one.")
-    return task.earlier
 
 
 def _fit_as_long_as_close(task: Task, study: Study, start: str) -> Answer:
@@ -379,7 +347,7 @@ def _better(one: Answer, other: Answer) -> Answer:
 
 
 def fitted_candidate(candidate: Candidate, estimate: Estimate, start: str) -> FittedCandidate:
-    """What a comparison needs of a candidate's `estimate`, which began at `start`."""
+    """The values of a candidate's `estimate` that a comparison needs; it began at `start`."""
     statistics = estimate.statistics
     return FittedCandidate(
         name=candidate.name,

@@ -1,4 +1,4 @@
-"""The models that a study's records are explained by in turn: its own, and those that differ by a member or a reading.
+"""Candidate models of a study's records: its own, and those that differ by a member or a reading.
 
 Models are ordered by the number of their free parameters.  Each begins where its neighbour ended: the simpler model
 that shares the most parameters with it.  What two laws share by name and meaning is the same quantity in both, and
@@ -44,7 +44,7 @@ class Candidate:
     refused: str = ""
     """Why the study cannot be posed under this model; "" where it can."""
     is_own: bool = False
-    """It is the model of the study itself."""
+    """Whether it is the model of the study itself."""
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -53,7 +53,7 @@ class Candidate:
 
     @property
     def folder(self) -> str:
-        """The name of a folder for its results."""
+        """The name of the folder of its results."""
         return self.name.replace(", ", "_").replace(":", "-")
 
 
@@ -98,7 +98,7 @@ def _law_name(law: type, state: str) -> str:
 
 
 def _readings(law: type) -> tuple[str, ...]:
-    """Those of a law, as `friction_state` of a study has them; none where it has one reading only."""
+    """The readings of a law, as `friction_state` of a study names them; none where it has one reading only."""
     return _STATES if hasattr(law, "state") else ()
 
 
@@ -126,8 +126,8 @@ def _check_name(family: str, name: object) -> None:
     if family == "friction":
         readings = _readings(member(family, base))
         if variant not in readings:
-            told = nearest(variant, readings) if readings else f"{base} has one reading, without a colon."
-            raise InputError(f'{family}: found the reading "{variant}" of {base}; {told}')
+            expected = nearest(variant, readings) if readings else f"{base} has one reading, without a colon."
+            raise InputError(f'{family}: found the reading "{variant}" of {base}; {expected}')
     elif not hasattr(member(family, base), "variant"):
         raise InputError(f'{family}: found "{name}", expected "{base}" without a colon: it has no variants.')
     else:
@@ -168,8 +168,8 @@ def _candidate(study: Study, stack: str, law: str, feedback: bool, name: str) ->
         refused = f"found the feedback of friction on {stack}, which no force moves; expected it without feedback"
     constraints = tuple(constraint for constraint in study.constraints if constraint.between(parameters))
     if friction is not study.friction and _STATIC.between(parameters):
-        told = any(c.between({_STATIC.greater: 0, _STATIC.lesser: 0}) for c in constraints)
-        constraints += () if told else (_STATIC,)
+        stated = any(c.between({_STATIC.greater: 0, _STATIC.lesser: 0}) for c in constraints)
+        constraints += () if stated else (_STATIC,)
     return Candidate(name, dataclasses.replace(changed, parameters=parameters, constraints=constraints), refused)
 
 

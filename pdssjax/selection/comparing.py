@@ -1,25 +1,32 @@
-"""Compares models on the same records: the simplest one that predicts what no fit has seen as well as any."""
+"""Compare models on the same records: the simplest one that predicts what no fit has seen as well as any.
+
+Where several models are left, one more record would tell them apart: the one in which their predictions differ most
+beside the noise.  Records like those of the study are simulated by both models on a small grid of voltage and
+frequency, with samples spread evenly or gathered behind the beginning of each cycle, where the contact slips; a
+prescribed motion is made slower and faster.
+"""
 
 import dataclasses
+import itertools
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from ..core import InputError, check_executor, check_kind, clear_bar, require_float64, told_in_notebook
+from ..core import InputError, check_executor, check_kind, clear_bar, member_name, require_float64, told_in_notebook
 from ..inference import Progress, effort_of, quiet
-from ..study import Study, cycles_a_second
-from .candidate_fits import CandidateStore, InMemoryStore, fit_all
+from ..study import Record, Study, cycles_a_second
+from .candidate_fits import CandidateStore, fit_all
 from .candidates import Candidate, candidates_of
-from .comparison import Comparison, FittedCandidate, Misfit, RecordNoise, Result
+from .comparison import Comparison, DiscriminatingRecord, FittedCandidate, Misfit, Result
 from .held_out import Part, parts_of
 from .scores import CommonNoise, Fitness, Scores, choose, common_noise, fitness, groups_of, scores_of
-from .telling_records import most_telling_record
 
 EFFORT = "quick"
-"""Of each fit, unless another is asked for: a law that is wrong is poor from every start, and would try them all."""
+"""Effort of each fit unless given: a law that is wrong is poor from every start, and would try them all."""
 
 BINS = 20
 """Parts of a cycle, or of a record, in which a misfit is looked for."""
@@ -54,7 +61,7 @@ def compare_models(
     candidates = candidates_of(study, friction, piezo, feedback)
     report, parts = progress or told_in_notebook() or quiet, parts_of(study)
     try:
-        fitted = fit_all(candidates, parts, effort, executor, store or InMemoryStore(), report)
+        fitted = fit_all(candidates, parts, effort, executor, store, report)
         report("comparing what was held out")
         found = judged(study, candidates, fitted, parts)
     finally:
@@ -68,7 +75,7 @@ def compare_models(
 def judged(
     study: Study, candidates: Sequence[Candidate], fitted: Mapping[str, FittedCandidate], parts: Sequence[Part]
 ) -> Comparison:
-    """What fits and held-out parts amount to."""
+    """The comparison that fits and held-out parts amount to."""
     order = [candidate.name for candidate in candidates]
     good = [name for name in order if not fitted[name].failure]
     if not good:
@@ -80,22 +87,18 @@ def judged(
     chosen, best = choose(good, scores)
     groups = groups_of(good, chosen, best, scores)
     results = _results(study, order, fitted, noises, scores, best, groups)
-    noise = {
-        record.name: RecordNoise(found.deviation, found.is_told, found.correlation_time, found.independent)
-        for record, found in zip(study.records, noises, strict=True)
-    }
     telling = None
     if alike := [name for name in groups[0] if name != chosen]:
         other = best if best != chosen else max(alike, key=scores.total)
         by_name = {candidate.name: candidate.study for candidate in candidates}
-        telling = most_telling_record((by_name[chosen], fitted[chosen]), (by_name[other], fitted[other]), noises)
+        telling = most_discriminating_record((by_name[chosen], fitted[chosen]), (by_name[other], fitted[other]), noises)
     return Comparison(
         title=study.title,
         results=results,
         chosen=chosen,
         best=best,
         groups=tuple(map(tuple, groups)),
-        noise=noise,
+        noise={record.name: noise.size for record, noise in zip(study.records, noises, strict=True)},
         blocks=sum(part.kind == "time" for part in scores.parts),
         whole_records=sum(part.kind != "time" for part in scores.parts),
         records=study.records,
@@ -176,10 +179,10 @@ def misfit_beside(
 
     None where it leaves no more anywhere.
     """
-    excesses = []
-    for noise, mine, theirs in zip(noises, model.residuals, best.residuals, strict=True):
-        excess = np.where(noise.used, mine**2 - theirs**2, 0.0) / noise.deviation**2
-        excesses.append(excess)
+    excesses = [
+        np.where(noise.used, mine**2 - theirs**2, 0.0) / noise.size.deviation**2
+        for noise, mine, theirs in zip(noises, model.residuals, best.residuals, strict=True)
+    ]
     totals = [float(np.sum(excess)) for excess in excesses]
     place, total = int(np.argmax(totals)), sum(max(value, 0.0) for value in totals)
     if not totals[place] > 0.0:
@@ -210,3 +213,126 @@ def _shortest_half(sums: Float[np.ndarray, " bins"], repeats: bool) -> tuple[int
         if max(held) >= half:
             return int(np.argmax(held)), length
     return 0, BINS
+
+
+# ------------------------------------------------------------------------------------------------ another record
+
+
+VOLTAGES = (0.5, 0.75, 1.0)
+"""Parts of the template's voltage: what drove the rig once does not harm it."""
+
+FREQUENCIES = (0.25, 1.0, 4.0)
+"""Times the template's frequency."""
+
+WINDOWS = (1.0, 0.1)
+"""Parts of each cycle in which the samples lie."""
+
+SPEEDS = (0.1, 1.0, 10.0)
+"""Times the speed of a prescribed motion."""
+
+CYCLES = 4
+"""Cycles of each record that is tried."""
+
+SAMPLES = 800
+"""Samples of each record that is tried."""
+
+
+class _Trial(NamedTuple):
+    """A record that could be made, like a `template` of the study."""
+
+    record: Record
+    noise: CommonNoise
+    template: Record
+    window: float
+    speed: float
+
+
+def most_discriminating_record(
+    first: tuple[Study, FittedCandidate],
+    second: tuple[Study, FittedCandidate],
+    noises: Sequence[CommonNoise],
+) -> DiscriminatingRecord | None:
+    """The record that best tells two models apart; None where none can be made up, or both predict the same.
+
+    **Arguments:** each model's study and fit; the noise of each record.
+    """
+    trials = _trials(first[0].records, noises)
+    if not trials:
+        return None
+    motions = [_predicted(study, fitted, [trial.record for trial in trials]) for study, fitted in (first, second)]
+    sizes = [_sigmas(trial, a - b) for trial, a, b in zip(trials, *motions, strict=True)]
+    place = int(np.argmax(sizes))
+    if not sizes[place] > 0.0:
+        return None
+    found, drive = trials[place], trials[place].record.drive
+    return DiscriminatingRecord(
+        models=(first[1].name, second[1].name),
+        template=found.template.name,
+        measures=found.template.measures,
+        voltage=float("nan") if drive is None else float(drive.peak()),
+        frequency=cycles_a_second(found.record) or float("nan"),
+        window=found.window,
+        speed=found.speed,
+        samples=found.record.time.size,
+        sigmas=float(sizes[place]),
+        tried=len(trials),
+    )
+
+
+def _trials(records: Sequence[Record], noises: Sequence[CommonNoise]) -> list[_Trial]:
+    """Records to try: like the first one of each kind of measurement and drive."""
+    kinds: dict[tuple[str, str], tuple[Record, CommonNoise]] = {}
+    for record, noise in zip(records, noises, strict=True):
+        waveform = "" if record.drive is None else member_name(type(record.drive))
+        kinds.setdefault((record.measures, waveform), (record, noise))
+    out = []
+    for record, noise in kinds.values():
+        out += _moved(record, noise) if record.drive is None else _driven(record, noise)
+    return out
+
+
+def _moved(record: Record, noise: CommonNoise) -> list[_Trial]:
+    """A prescribed motion, slower and faster."""
+    if record.motion is None or record.measurement.prescribed == "velocity":
+        return []
+    of = lambda speed: dataclasses.replace(record, time=record.time[0] + (record.time - record.time[0]) / speed)
+    return [_Trial(of(speed), noise, record, 1.0, speed) for speed in SPEEDS]
+
+
+def _driven(record: Record, noise: CommonNoise) -> list[_Trial]:
+    """A drive that repeats, at other voltages and frequencies; none where it has no such numbers."""
+    drive, frequency = record.drive, cycles_a_second(record)
+    if drive is None or frequency is None or not {"voltage", "frequency"} <= set(drive.numbers()):
+        return []
+    out, numbers = [], drive.numbers()
+    for part, times, window in itertools.product(VOLTAGES, FREQUENCIES, WINDOWS):
+        changed = {"voltage": part * float(numbers["voltage"]), "frequency": times * float(numbers["frequency"])}
+        made = drive.with_numbers(changed)
+        if made.broken_conditions():
+            continue
+        cycle = np.arange(SAMPLES) * CYCLES // SAMPLES
+        within = np.arange(SAMPLES) - cycle * SAMPLES // CYCLES
+        time = (cycle + window * within * CYCLES / SAMPLES) / (times * frequency)
+        empty = np.zeros(SAMPLES)
+        trial = dataclasses.replace(
+            record, drive=made, overrides=record.overrides | {"voltage", "frequency"}, time=time, measured=empty
+        )
+        out.append(_Trial(trial, noise, record, window, 1.0))
+    return out
+
+
+def _predicted(study: Study, fitted: FittedCandidate, records: Sequence[Record]) -> list[Float[np.ndarray, " samples"]]:
+    known = {path: number for path, number in fitted.values.items() if path in study.parameters}
+    posed = dataclasses.replace(study, records=tuple(records)).with_values(known, of_estimate=True)
+    return [np.asarray(motion) for motion in posed.predict()]
+
+
+def _sigmas(trial: _Trial, apart: Float[np.ndarray, " samples"]) -> float:
+    """How far two predictions are `apart`, in standard deviations of the noise; 0 where one of them failed."""
+    if not np.isfinite(apart).all():
+        return 0.0
+    if trial.record.offset is None:
+        apart = apart - np.mean(apart)
+    interval = float(np.median(np.diff(trial.record.time)))
+    share = 1.0 / (1.0 + 2.0 * trial.noise.size.correlation_time / interval)
+    return float(np.sqrt(share * np.sum(apart**2))) / trial.noise.size.deviation

@@ -71,7 +71,7 @@ class FittedCandidate:
     residuals: tuple[Float[np.ndarray, " samples"], ...] = ()
     """Measured less predicted of every record of the study, in its unit, its zero included."""
     held_out: tuple[Float[np.ndarray, " samples"], ...] = ()
-    """The same of every part that was held out, predicted by the parameters that the other samples give."""
+    """Residuals of every part that was held out, predicted by the parameters that the other samples give."""
     refitted: int = 0
     """Parts for which a linear step was not enough, and the model was fitted again."""
     start: str = ""
@@ -92,7 +92,7 @@ class RecordNoise(NamedTuple):
     told: bool
     """The study tells it, and residuals exceed it by no more than chance."""
     correlation_time: float
-    """[s]; 0 of white noise."""
+    """Time by which neighbouring samples are alike [s]; 0 of white noise."""
     independent: float
     """Samples that count as independent."""
 
@@ -113,11 +113,11 @@ class Misfit(NamedTuple):
     rms: float
     """Root mean square of the residuals of the record, in its unit."""
     best_rms: float
-    """The same of the model that predicts best."""
+    """Root mean square of the residuals of the model that predicts best."""
 
 
-class TellingRecord(NamedTuple):
-    """The record, among those tried, in which the predictions of two fitted models differ most."""
+class DiscriminatingRecord(NamedTuple):
+    """The record, among those that could be made, in which the predictions of two fitted models differ most."""
 
     models: tuple[str, str]
     template: str
@@ -147,7 +147,7 @@ class Result:
     time: Difference | None = None
     """By how much the best one scores higher on blocks of time and validation records; None where it has no fit."""
     records: Difference | None = None
-    """The same on whole records that no fit has seen; None where there are none."""
+    """By how much the best one scores higher on whole records that no fit has seen; None where there are none."""
     criterion: float = np.nan
     """Schwarz's criterion with the number of independent samples, above the lowest one."""
     group: int = -1
@@ -196,8 +196,8 @@ class Comparison:
     """Whole records that were held out in turn, or that no fit saw."""
     records: tuple[Record, ...]
     """The records of the study."""
-    telling: TellingRecord | None = None
-    """What would tell the chosen model from another one of its group; None where nothing is to be told, or no record
+    telling: DiscriminatingRecord | None = None
+    """The record that would tell the chosen model from another of its group; None where none is needed, or no record
     can be made up."""
     seconds: float = 0.0
     """Time that it took [s]."""
@@ -216,8 +216,8 @@ class Comparison:
         raise KeyError(name)
 
     def __repr__(self) -> str:
-        told = f"{self.chosen!r} of {len(self.results)} models" if self.chosen else "no model has a fit"
-        return f"Comparison({self.title!r}, {told})"
+        chosen = f"{self.chosen!r} of {len(self.results)} models" if self.chosen else "no model has a fit"
+        return f"Comparison({self.title!r}, {chosen})"
 
     def _repr_html_(self) -> str:
         return presenter().as_html(self)

@@ -1,4 +1,4 @@
-"""What a fitted model predicts of samples that it did not see: blocks of time, whole records, records to validate with.
+"""Predictions of samples that a fitted model did not see: blocks of time, whole records, records to validate with.
 
 At an optimum with whitened residuals r and Jacobian J the parameters without the samples of a part are, to first order,
 
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..inference import Problem, evaluated, fit_phase, pose_problem, pseudo_inverse
+from ..inference import Problem, evaluated, fit_phase, pose_problem, pseudo_inverse, quiet, zero_columns
 from ..study import Record, Study, cycles_a_second
 from .comparison import FittedCandidate
 
@@ -48,15 +48,15 @@ class Part(NamedTuple):
     """Samples of one record that are held out together."""
 
     record: int
-    """Its place in the study."""
+    """Place of the record in the study."""
     rows: Bool[np.ndarray, " samples"]
-    """Which of its samples."""
+    """Which samples of the record are held out."""
     kind: str
     """"time": a block of a record; "record": all of one; "validation": all of one that no fit sees."""
 
 
 def parts_of(study: Study) -> tuple[Part, ...]:
-    """What is held out in turn, the same for every model: it depends on drives and sample times alone."""
+    """The parts held out in turn, the same for every model: they depend on drives and sample times alone."""
     parts = []
     for place, record in enumerate(study.records):
         whole = np.ones(record.time.size, bool)
@@ -81,46 +81,32 @@ def _blocks(record: Record) -> list[Bool[np.ndarray, " samples"]]:
         # A rest of a cycle at either end goes with its neighbour.
         first, last = (int(np.round(end * frequency)) for end in (time[0], time[-1]))
         cycle = np.clip(cycle, first, last - 1)
-        groups = _grouped(cycle - cycle.min(), most)
+        cycle = cycle - cycle.min()
+        count = int(cycle.max()) + 1
+        groups = cycle * min(most, count) // count
     else:
         groups = np.arange(time.size) * (most * SLICES) // time.size % most
     return [groups == group for group in np.unique(groups)]
 
 
-def _grouped(numbers: np.ndarray, most: int) -> np.ndarray:
-    """Neighbouring `numbers` from 0 on taken together, so that there are `most` groups of them at most."""
-    count = int(numbers.max()) + 1
-    return numbers * min(most, count) // count
-
-
-class HeldOut(NamedTuple):
-    """What was predicted of the parts that were held out."""
-
-    residuals: tuple[Float[np.ndarray, " samples"], ...]
-    """Measured less predicted of the samples of each part, in the record's unit; NaN where the simulation failed, or
-    the samples that were left do not tell the parameters."""
-    refitted: int
-    """Parts for which the model was fitted again."""
-
-
-def held_out(study: Study, fitted: FittedCandidate, parts: Sequence[Part]) -> HeldOut:
-    """What the model of a `study`, `fitted` to it, predicts of each of the `parts` without having seen it.
+def held_out(
+    study: Study, fitted: FittedCandidate, parts: Sequence[Part]
+) -> tuple[tuple[Float[np.ndarray, " samples"], ...], int]:
+    """Predict each of the `parts` by the model of a `study`, `fitted` to it, without having seen the part.
 
     The zero of a record that is free is found from its samples that are not held out; of a whole record, which has
     none, it is the one that leaves the least.
+
+    **Returns:** measured less predicted of the samples of each part, in the record's unit, NaN where the simulation
+    failed, or the samples that were left do not tell the parameters; and for how many parts the model was fitted again.
     """
     at = _at_optimum(study, fitted)
     out, refitted = [], 0
     for part in parts:
-        if part.kind == "validation":
-            record = study.records[part.record]
-            rest = record.measured - at.motions(at.free)[part.record]
-            out.append(rest - _zero(record, rest, part.rows))
-            continue
-        free, again = at.without(part)
+        free, again = (at.free, False) if part.kind == "validation" else at.without(part)
         refitted += again
         out.append(at.residual(part, free))
-    return HeldOut(tuple(out), refitted)
+    return tuple(out), refitted
 
 
 def _zero(record: Record, rest: Float[np.ndarray, " samples"], used: Bool[np.ndarray, " samples"]) -> float:
@@ -128,7 +114,7 @@ def _zero(record: Record, rest: Float[np.ndarray, " samples"], used: Bool[np.nda
 
 
 class _Optimum(NamedTuple):
-    """Where a model was fitted, of p parameters and n samples."""
+    """The optimum of a model of p parameters and n samples."""
 
     study: Study
     problem: Problem
@@ -144,7 +130,7 @@ class _Optimum(NamedTuple):
     """Where a record of the study stands among those fitted."""
 
     def motions(self, free: Float[np.ndarray, " p"]) -> list[Float[np.ndarray, " samples"]]:
-        """What every record of the study is predicted as, without its zero."""
+        """The prediction of every record of the study, without its zero."""
         values = {path: float(number) for path, number in self.problem.decode(free).items()}
         return [np.asarray(motion) for motion in self.study.predict(values)]
 
@@ -154,8 +140,8 @@ class _Optimum(NamedTuple):
         basis, residual = self.basis * left[:, None], self.residual_at * left
         # Of what all samples tell of each direction, the share that is left without the part.
         share, axes = np.linalg.eigh(basis.T @ basis)
-        told = share > MIN_INFORMATION_SHARE
-        step = self.spread @ (axes[:, told] @ ((axes[:, told].T @ -(basis.T @ residual)) / share[told]))
+        known = share > MIN_INFORMATION_SHARE
+        step = self.spread @ (axes[:, known] @ ((axes[:, known].T @ -(basis.T @ residual)) / share[known]))
         free = self.free.copy()
         free[self.moved] += step[: int(np.sum(self.moved))]
         free = np.clip(free, *self.problem.bounds)
@@ -170,7 +156,7 @@ class _Optimum(NamedTuple):
         return left
 
     def _chi2(self, free: Float[np.ndarray, " p"], part: Part) -> float:
-        """Of the samples outside a `part`; infinite where the simulation fails."""
+        """Chi-square of the samples outside a `part`; infinite where the simulation fails."""
         motions, total = self.motions(free), 0.0
         for place, number in self.places.items():
             record, used = self.study.records[place], np.ones(motions[place].size, bool)
@@ -187,7 +173,7 @@ class _Optimum(NamedTuple):
         used[self.places[part.record]] = ~part.rows
         problem = self.problem.fitted_to(used)
         every = np.ones(len(used), bool)
-        fit = fit_phase(problem, self.free, every, self.moved, "all", lambda told: None, REFIT_ITERATIONS)
+        fit = fit_phase(problem, self.free, every, self.moved, "all", quiet, REFIT_ITERATIONS)
         return np.asarray(fit.free)
 
     def residual(self, part: Part, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, " held"]:
@@ -204,18 +190,12 @@ def _at_optimum(study: Study, fitted: FittedCandidate) -> _Optimum:
     problem, _ = pose_problem(study.with_starts(values))
     problem = problem._replace(noise=np.array([fitted.noise[record.name] for record in problem.records]))
     free = np.clip(problem.encode(values), *problem.bounds)
-    state = evaluated(problem, free, lambda told: None).state
+    state = evaluated(problem, free, quiet).state
     jacobian = np.asarray(state.jacobian)
     # A range that follows from where a fit starts is another one here: the fit knows what it ended at.
     ended = np.array([path in fitted.at_bound for path in problem.residual.transform.paths])
     moved = ~(ended | problem.residual.transform.at_bound(free)) & (np.linalg.norm(jacobian, axis=0) > 0.0)
-    zeros = np.zeros((jacobian.shape[0], 0))
-    for record, rows in zip(problem.records, problem.rows, strict=True):
-        if record.offset is None:
-            column = np.zeros((jacobian.shape[0], 1))
-            column[rows] = 1.0
-            zeros = np.hstack([zeros, column])
-    basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zeros]))
+    basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zero_columns(problem, len(jacobian))]))
     used = [place for place, record in enumerate(study.records) if record.role == "fit"]
     places = {place: number for number, place in enumerate(used)}
     return _Optimum(study, problem, free, np.asarray(state.residual), basis, spread, moved, places)

@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float
 
 from ..metrics import NoiseInTime, StationaryNoise, grid_positions, outliers, split_residuals
 from ..study import Record, cycles_a_second
-from .comparison import Difference
+from .comparison import Difference, RecordNoise
 from .held_out import Part
 
 MIN_SCORE_DIFFERENCE = 3.0
@@ -50,15 +50,8 @@ EXCESS_SIGMAS = 4.0
 class CommonNoise(NamedTuple):
     """The noise of one record, the same for every model."""
 
-    deviation: float
-    """Standard deviation, in the record's unit."""
-    is_told: bool
-    """The study tells it, and residuals exceed it by no more than chance."""
-    correlation_time: float
-    """Time [s] by which neighbouring samples are alike: half the width of their correlation squared, summed."""
-    independent: float
-    """How many samples count as independent."""
-    noise: StationaryNoise | NoiseInTime
+    size: RecordNoise
+    process: StationaryNoise | NoiseInTime
     used: Bool[np.ndarray, " samples"]
     """Which samples are compared: those that do not stand out of the best fit's residuals."""
 
@@ -73,9 +66,9 @@ def common_noise(record: Record, predicted: Float[np.ndarray, " samples"], freed
     share = min(max(found.independent(record.time), 1.0 / record.time.size), 1.0)
     variance = _variance(found)
     by_chance = 1.0 + EXCESS_SIGMAS * float(np.sqrt(2.0 / (share * record.time.size)))
-    told = 0.0 if record.noise is None else record.noise**2
-    is_told = told > 0.0 and variance <= by_chance * told
-    wanted = told if is_told else variance or 1.0
+    given = 0.0 if record.noise is None else record.noise**2
+    is_given = given > 0.0 and variance <= by_chance * given
+    wanted = given if is_given else variance or 1.0
     if variance == 0.0:
         found = StationaryNoise(np.zeros(0), wanted)
     elif isinstance(found, NoiseInTime):
@@ -84,7 +77,7 @@ def common_noise(record: Record, predicted: Float[np.ndarray, " samples"], freed
         found = found._replace(innovation=found.innovation * wanted / variance)
     interval = float(np.median(np.diff(record.time)))
     correlated, independent = interval * (0.5 / share - 0.5), share * float(np.sum(used))
-    return CommonNoise(float(np.sqrt(wanted)), is_told, correlated, independent, found, used)
+    return CommonNoise(RecordNoise(float(np.sqrt(wanted)), is_given, correlated, independent), found, used)
 
 
 def _variance(noise: StationaryNoise | NoiseInTime) -> float:
@@ -101,7 +94,7 @@ class Whitener(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """How many are compared."""
+        """The number of samples that are compared."""
         return sum(places.size for places, _ in self.pieces)
 
     def __call__(self, residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
@@ -110,14 +103,14 @@ class Whitener(NamedTuple):
 
 
 def whitener(record: Record, noise: CommonNoise, rows: Bool[np.ndarray, " samples"]) -> Whitener:
-    """What makes residuals of the `rows` of a record white; samples that stand out are left out."""
+    """The whitener of residuals of the `rows` of a record; samples that stand out are left out."""
     places = np.flatnonzero(rows)
     compared = np.flatnonzero(noise.used[places])
     cuts = np.flatnonzero(np.diff(places[compared]) > 1) + 1
     pieces, volume = [], 0.0
     for run in np.split(compared, cuts):
         for piece in np.array_split(run, -(-run.size // WHITENING_BLOCK)) if run.size else ():
-            root = np.linalg.cholesky(_covariance(record, noise.noise, places[piece]))
+            root = np.linalg.cholesky(_covariance(record, noise.process, places[piece]))
             pieces.append((piece, np.linalg.inv(root)))
             volume += 2.0 * float(np.sum(np.log(np.diag(root)))) + piece.size * np.log(2.0 * np.pi)
     return Whitener(tuple(pieces), volume)
@@ -158,17 +151,17 @@ class Fitness(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """What several models score on the same parts."""
+    """Scores of several models on the same parts."""
 
     parts: tuple[Part, ...]
     whitened: Mapping[str, tuple[Float[np.ndarray, " m"], ...]]
-    """By model, w of each part."""
+    """Whitened residuals of each part, by model."""
     log_volumes: tuple[float, ...]
     fits: Mapping[str, Fitness] = MappingProxyType({})
     """How well each model explains the fitted samples, by its name."""
 
     def only(self, *kinds: str) -> "Scores":
-        """Those of parts of some `kinds`."""
+        """The scores on parts of some `kinds`."""
         kept = [k for k, part in enumerate(self.parts) if part.kind in kinds]
         take = lambda values: tuple(values[k] for k in kept)
         whitened = {name: take(w) for name, w in self.whitened.items()}
@@ -302,6 +295,6 @@ def fitness(
         w = white(residual)
         squares, samples = squares + float(w @ w), samples + w.size
         deviance += float(w @ w) + white.log_volume
-        independent += noise.independent
+        independent += noise.size.independent
     explains = squares <= samples + EXCESS_SIGMAS * np.sqrt(2.0 * max(samples, 1))
     return Fitness(free, deviance, deviance + free * float(np.log(max(independent, 1.0))), bool(explains))

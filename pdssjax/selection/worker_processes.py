@@ -44,7 +44,7 @@ def gathered(
 
 
 def _answer(future: Future[Answer], lost: Callable[[str], Answer]) -> Answer:
-    """What a process found."""
+    """The answer of a process."""
     try:
         return future.result()
     except BrokenExecutor as error:
@@ -55,7 +55,7 @@ def _answer(future: Future[Answer], lost: Callable[[str], Answer]) -> Answer:
 
 @contextlib.contextmanager
 def workers(executor: Executor | None, most: int) -> Iterator[Callable[..., Future[Answer]]]:
-    """What submits work: to the `executor` that is given, else to processes that are spawned, one a core.
+    """A function that submits work: to the `executor` that is given, else to processes that are spawned, one a core.
 
     Where it is left early, processes of its own are ended; those of the caller only lose what has not begun.
     """

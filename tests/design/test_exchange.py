@@ -30,21 +30,8 @@ def test_a_line_is_measured_at_its_ends():
     assert plan == [0, 0, 0, 20, 20, 20]
 
 
-def test_the_amplitude_of_a_sine_is_measured_at_its_peaks():
-    phase = np.linspace(0.0, 2.0 * np.pi, 41)
-    plan = chosen(of_rows(np.sin(phase)[:, None]), search(Combinations(np.ones((1, 1, 1))), 4, 1))
-    assert set(plan) <= {10, 30}
-
-
-def test_a_slope_alone_needs_no_middle():
-    times = np.linspace(0.0, 1.0, 11)
-    rows = np.column_stack([np.ones(11), times])
-    slope = Combinations(np.array([[[0.0, 1.0]]]))
-    assert chosen(of_rows(rows), search(slope, 4, 2)) == [0, 0, 10, 10]
-
-
 @pytest.mark.parametrize("criterion", [Determinant(), Trace(), Combinations(np.array([[[0.0, 1.0, 0.0]]]))])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_exchange_finds_the_best_of_all_selections(criterion, seed):
     candidates = of_rows(np.random.default_rng(seed).normal(size=(9, 3)))
     asked = search(criterion, 4, 3, prior=1e-2)
@@ -91,12 +78,6 @@ def test_a_rival_is_told_by_what_its_best_fit_leaves():
     left = [np.sum((difference - j @ np.linalg.lstsq(j, difference, rcond=None)[0]) ** 2) for j in (own, rival)]
     found = Discrimination(2).evidence((columns.T @ columns)[None])
     assert found[0] == pytest.approx(0.25 * sum(left))
-
-
-def test_a_difference_that_the_rival_can_take_up_tells_nothing():
-    rival = np.random.default_rng(5).normal(size=(30, 2))
-    columns = np.column_stack([rival, rival, rival @ [1.0, -2.0]])
-    assert Discrimination(2).evidence((columns.T @ columns)[None])[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_what_is_known_of_a_rival_before_keeps_it_from_taking_up():

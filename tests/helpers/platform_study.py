@@ -2,7 +2,7 @@
 
 import fabricated
 import numpy as np
-from record_tables import step_table
+from record_tables import step_table, write_columns
 
 GAIN, RATE, DAMPING, ZERO, NOISE = 1.1e-7, 6000.0, 0.2, 0.3e-6, 1e-8
 
@@ -33,7 +33,6 @@ def write_platform(folder, text=PLATFORM):
     time = np.arange(-0.005, 0.035, 5e-5)
     response = fabricated.step_motion(time, 50.0 * GAIN, RATE, DAMPING)
     motion = response + ZERO + np.random.default_rng(3).normal(0.0, NOISE, time.size)
-    rows = np.stack([time, 1e6 * motion], axis=1)
-    np.savetxt(folder / "step.csv", rows, "%.7f", ",", header="time_s,displacement_um", comments="")
+    write_columns(folder / "step.csv", "time_s,displacement_um", time, 1e6 * motion)
     (folder / "study.toml").write_text(text)
     return folder / "study.toml"

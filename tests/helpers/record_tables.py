@@ -1,10 +1,26 @@
-"""The [[record]] tables of study files, as text."""
+"""The [[record]] tables of study files, as text, and the files of their columns."""
 
 from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+import pdssjax
 
 COLUMNS = {"time": "time_s", "displacement": "displacement_um"}
 SHORT = {"time": "time_s", "displacement": "y_um"}
 """Columns of a displacement, by quantity."""
+
+
+def write_columns(file: Path, header: str, *columns: np.ndarray, digits: str = "%.7f") -> None:
+    """A CSV file of `columns` under a `header`."""
+    np.savetxt(file, np.column_stack(columns), digits, ",", header=header, comments="")
+
+
+def loaded(folder: Path, text: str) -> pdssjax.Study:
+    """The study of a `text`, written to the folder."""
+    (folder / "study.toml").write_text(text)
+    return pdssjax.load_study(folder / "study.toml")
 
 
 def record_table(name: str, measures: str, *lines: str, columns: Mapping[str, str] = COLUMNS) -> str:

@@ -34,7 +34,7 @@ class Waves:
         )
         self.records[0].measured = np.zeros(4)
         transform = SimpleNamespace(paths=PATHS, at_bound=self.at_bound)
-        self.residual = SimpleNamespace(transform=transform, loss=Squares(), apart={})
+        self.residual = SimpleNamespace(transform=transform, loss=Squares(), priors={})
 
     def at_bound(self, free):
         return (free <= self.bounds[0]) | (free >= self.bounds[1])

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from record_tables import write_columns
 
 import pdssjax
 from pdssjax import Drawing, InputError, InputWarning
@@ -25,7 +26,7 @@ STATIC = 'static = "friction.f_s >= friction.f_c"'
 def posed(folder: Path, constraints: str = STATIC, static: float = 0.7, law: str = "stribeck", **given: str):
     """The study of a curve whose static force is `static` and whose Coulomb force is 0.5 N; with other entries."""
     force = 0.5 + (static - 0.5) * np.exp(-(SPEED**2)) + NOISE * np.random.default_rng(3).standard_normal(SPEED.size)
-    np.savetxt(folder / "run.csv", np.column_stack([SPEED, force]), delimiter=",", header="v_mm/s,F_N", comments="")
+    write_columns(folder / "run.csv", "v_mm/s,F_N", SPEED, force, digits="%.18e")
     listed = "\n".join(f'"friction.{name}" = {{ {entry} }}' for name, entry in (FREE | given).items() if entry != "-")
     (folder / "study.toml").write_text(
         f'format = "pdssjax-study/1"\n[actuator]\npiezo = "second-order"\nfriction = "{law}"\n'
@@ -183,8 +184,9 @@ def test_a_chain_is_led_from_the_parameter_that_has_bounds(tmp_path):
 def wet(folder: Path, constraints: str, bounds: str):
     """A study of a contact under a prescribed motion, wet and dry, whose law has directions."""
     time = np.arange(0.0, 0.02, 1e-3)
-    table = np.column_stack([time, np.sin(2 * np.pi * 50 * time), np.cos(time)])
-    np.savetxt(folder / "run.csv", table, delimiter=",", header="time_s,x_um,F_N", comments="")
+    write_columns(
+        folder / "run.csv", "time_s,x_um,F_N", time, np.sin(2 * np.pi * 50 * time), np.cos(time), digits="%.18e"
+    )
     names = [f"{name}_{side}" for name in ("sigma1", "f_ss") for side in "ab"]
     listed = "\n".join(f'"friction.{name}" = {{ value = 1 }}' for name in names)
     record = (

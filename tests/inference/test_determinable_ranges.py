@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from record_tables import loaded, write_columns
 
 import pdssjax
 from pdssjax import pose_problem
@@ -31,10 +32,8 @@ drive = {{ waveform = "sampled", column = "u_V" }}
 def study(folder, elements=2, given=""):
     time = INTERVAL * np.arange(301)
     volts = np.where(time > 0.1, 50.0, 0.0)
-    rows = np.stack([time, volts, 0.1 * volts], axis=1)
-    np.savetxt(folder / "steps.csv", rows, "%.9f", ",", header="time_s,u_V,y_um", comments="")
-    (folder / "study.toml").write_text(STUDY.format(elements=elements, given=given))
-    return pdssjax.load_study(folder / "study.toml")
+    write_columns(folder / "steps.csv", "time_s,u_V,y_um", time, volts, 0.1 * volts, digits="%.9f")
+    return loaded(folder, STUDY.format(elements=elements, given=given))
 
 
 @pytest.mark.parametrize("elements", [1, 2, 3, 6])

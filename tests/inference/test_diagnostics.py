@@ -5,7 +5,7 @@ import pytest
 
 import pdssjax
 from pdssjax.files import EXAMPLE
-from pdssjax.inference.diagnosis import agreement, best_remedy, combinations, record_groups, score_of, white_score
+from pdssjax.inference.diagnosis import agreement, best_remedy, combinations, prior_score, record_groups, score_of
 from pdssjax.inference.notes.about_records import about_agreement
 from pdssjax.report.text.estimate import format_diagnosis
 from pdssjax.study import Agreement, Combination, Diagnosis, Remedy
@@ -77,7 +77,7 @@ def judged(parts, group):
     whole = sum(s.information for s in scores)
     errors = np.sqrt(np.diag(np.linalg.inv(whole)))
     inside = np.array([i in group for i in range(len(parts))])
-    nothing = white_score(np.zeros(0), np.zeros((0, 2)))
+    nothing = prior_score(np.zeros(0), np.zeros((0, 2)))
     (found,) = agreement(
         scores, nothing, {("record", tuple(f"r{i}" for i in group)): inside}, errors, ("zero", "slope")
     )
@@ -130,7 +130,7 @@ def test_a_fit_that_ended_beside_its_optimum_makes_no_contradiction():
     errors = np.sqrt(np.diag(np.linalg.inv(sum(j.T @ j for j in known))))
     for beside in (0.0, 0.03):
         scores = [score_of(j @ (joint + beside * errors) - y, j) for y, j in zip(data, known, strict=True)]
-        apart = white_score(np.zeros(0), np.zeros((0, 3)))
+        apart = prior_score(np.zeros(0), np.zeros((0, 3)))
         (found,) = agreement(scores, apart, {("record", ("b",)): np.array([False, True])}, errors, ("a", "b", "c"))
         assert abs(found.sigmas) < 3.0
         assert np.isnan(found.shifts["c"]) and abs(found.shifts["b"]) < 5.0
@@ -159,7 +159,7 @@ def test_what_was_measured_apart_holds_what_no_other_record_tells():
     rows = np.concatenate([record, flat, apart])
     errors = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
     scores = [score_of(record @ joint - data, record), score_of(flat @ joint - data, flat)]
-    known = white_score(apart @ joint - told, apart)
+    known = prior_score(apart @ joint - told, apart)
     (found,) = agreement(scores, known, {("record", ("a",)): np.array([True, False])}, errors, ("zero", "slope"))
     assert found.shifts["slope"] * errors[1] == pytest.approx(0.3 - joint[1], rel=1e-9)
 

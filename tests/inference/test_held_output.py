@@ -3,6 +3,7 @@
 import numpy as np
 import platform_study
 import pytest
+from record_tables import write_columns
 
 import pdssjax
 
@@ -14,8 +15,7 @@ def test_held_samples_are_named_and_the_key_that_thins_them_mends_the_fit(tmp_pa
     place = platform_study.write_platform(tmp_path, text)
     time, seen = np.loadtxt(tmp_path / "step.csv", delimiter=",", skiprows=1).T
     seen = seen[np.maximum((np.arange(seen.size) - 1) // 2 * 2 + 1, 0)]
-    rows = np.stack([time, seen], axis=1)
-    np.savetxt(tmp_path / "step.csv", rows, "%.7f", ",", header="time_s,displacement_um", comments="")
+    write_columns(tmp_path / "step.csv", "time_s,displacement_um", time, seen)
     held = pdssjax.identify(pdssjax.load_study(place))
     assert any(
         'in "step" a new sensor value only every 2 samples' in n and "write held = 2 in its" in n for n in held.notes

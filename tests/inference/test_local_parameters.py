@@ -5,7 +5,7 @@ import json
 import fabricated
 import numpy as np
 import pytest
-from record_tables import SHORT, STEP_HEAD, step_table
+from record_tables import SHORT, STEP_HEAD, step_table, write_columns
 
 import pdssjax
 from pdssjax import InputError
@@ -23,8 +23,7 @@ def write(folder, text=STUDY, lines=("", 'conditions = ["other"]', 'conditions =
     random = np.random.default_rng(3)
     for i, (line, gain) in enumerate(zip(lines, (GAIN, OTHER, OTHER), strict=False)):
         motion = fabricated.step_motion(TIME, 50.0 * gain, RATE, DAMPING) + random.normal(0.0, NOISE, TIME.size)
-        rows = np.stack([TIME, 1e6 * motion], axis=1)
-        np.savetxt(folder / f"r{i}.csv", rows, "%.7f", ",", header="time_s,y_um", comments="")
+        write_columns(folder / f"r{i}.csv", "time_s,y_um", TIME, 1e6 * motion)
         text += "\n" + step_table('noise = "0.01 um"', line, name=f"r{i}", columns=SHORT)
     (folder / "study.toml").write_text(text)
     return folder / "study.toml"

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from record_tables import loaded, write_columns
 
 import pdssjax
 from pdssjax import InputWarning, pose_problem
@@ -34,12 +35,10 @@ LAWS = {"play": ["play_*", "play_range"], "bouc-wen": ["hysteresis", "beta", "ga
 
 def questioned(folder, law, seconds):
     times = np.arange(0.0, seconds, 0.1)
-    rows = np.stack([times, 4.0 - 4.0 * np.cos(2 * np.pi * times)], 1)
-    np.savetxt(folder / "sine.csv", rows, "%.4f", ",", header="time_s,y_um", comments="")
+    write_columns(folder / "sine.csv", "time_s,y_um", times, 4.0 - 4.0 * np.cos(2 * np.pi * times), digits="%.4f")
     names = ["gain", "time_constant", "creep_*", "creep_time", *LAWS[law]]
     parameters = "\n".join(f'"piezo.{name}" = {{}}' for name in names)
-    (folder / "study.toml").write_text(STUDY.format(law=law, parameters=parameters))
-    study = pdssjax.load_study(folder / "study.toml")
+    study = loaded(folder, STUDY.format(law=law, parameters=parameters))
     warn_of_memory_use(pose_problem(study)[0], pdssjax.initial_guess(study))
 
 

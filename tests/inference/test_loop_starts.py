@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from marks import slow
+from record_tables import loaded, write_columns
 
 import pdssjax
 from pdssjax import Accuracy
@@ -85,10 +86,8 @@ def study(folder, kind="triangle", elements=10, count=1500, given=""):
     volts[:5] = 0.0
     weights = 4e-8 / elements * np.exp(-np.arange(elements) / elements)
     motion = simulated(time, volts, weights, 90.0, 6e-9, 0.4) + np.random.default_rng(1).normal(0.0, NOISE, count)
-    rows = np.stack([time, volts, 1e6 * motion], axis=1)
-    np.savetxt(folder / "loops.csv", rows, "%.9f", ",", header="time_s,u_V,y_um", comments="")
-    (folder / "study.toml").write_text(STUDY.format(elements=elements, given=given))
-    return pdssjax.load_study(folder / "study.toml"), weights
+    write_columns(folder / "loops.csv", "time_s,u_V,y_um", time, volts, 1e6 * motion, digits="%.9f")
+    return loaded(folder, STUDY.format(elements=elements, given=given)), weights
 
 
 @pytest.mark.parametrize("kind", ["triangle", "sine"])
@@ -139,8 +138,7 @@ def test_walks_alone_tell_gain_and_curvature_where_they_stick(tmp_path, measured
         slips = 1e-6 * np.exp(-phase / 0.1) * np.cos(60.0 * phase) + 2e-6 * np.minimum(phase / 0.3, 1.0)
         walked = follows + slips + 5e-6 * cycle + random.normal(0.0, NOISE, time.size)
         noisy = volts + 0.02 * random.normal(size=time.size)
-        rows = np.stack([time, noisy, 1e6 * walked], axis=1)
-        np.savetxt(tmp_path / f"{peak}.csv", rows, "%.6f", ",", header="time_s,u_V,x_um", comments="")
+        write_columns(tmp_path / f"{peak}.csv", "time_s,u_V,x_um", time, noisy, 1e6 * walked, digits="%.6f")
         known = f'waveform = "triangle", voltage = "{peak} V", frequency = "50 Hz", symmetry = 0.98'
         drive = 'waveform = "sampled", column = "u_V"' if measured else known
         text += WALK.format(peak=peak, drive=drive)

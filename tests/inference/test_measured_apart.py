@@ -79,12 +79,17 @@ def test_under_a_robust_loss_it_has_the_error_given_too(studies, estimates, loss
     assert found.standard_error == pytest.approx(1.0 / np.hypot(1.0 / alone, 1.0 / 1e-12), rel=0.01)
 
 
-def test_noise_given_too_small_does_not_enlarge_it(studies):
-    """Samples scatter by three times the noise given: what the estimate scatters by, by the law of propagation."""
+@pytest.fixture(scope="module")
+def too_little_noise(studies):
+    """Samples that scatter by three times the noise given: a factor of nine of the records' variances."""
     record = dataclasses.replace(studies[1].records[0], noise=platform_study.NOISE / 3.0)
     gain = dataclasses.replace(studies[1].parameters["piezo.gain"], start=1.1e-7, standard_error=5e-12)
-    study = dataclasses.replace(studies[1], records=(record,), parameters=studies[1].parameters | {"piezo.gain": gain})
-    estimate = pdssjax.identify(study)
+    return dataclasses.replace(studies[1], records=(record,), parameters=studies[1].parameters | {"piezo.gain": gain})
+
+
+def test_noise_given_too_small_does_not_enlarge_it(too_little_noise):
+    """Errors are what the estimate scatters by, by the law of propagation."""
+    study, estimate = too_little_noise, pdssjax.identify(too_little_noise)
     assert estimate.statistics.reduced_chi2 == pytest.approx(9.0, rel=0.1)
     problem, _ = pdssjax.pose_problem(study)
     values = {path: estimate.parameters[path].value for path in estimate.names}
@@ -100,12 +105,8 @@ def test_noise_given_too_small_does_not_enlarge_it(studies):
         assert found.errors["white"].standard_error == pytest.approx(found.standard_error)
 
 
-def test_profiles_end_where_the_errors_do_where_the_noise_given_is_too_small(studies):
-    """Three times: a factor of nine of the records' variances, and none of what was measured apart."""
-    record = dataclasses.replace(studies[1].records[0], noise=platform_study.NOISE / 3.0)
-    gain = dataclasses.replace(studies[1].parameters["piezo.gain"], start=1.1e-7, standard_error=5e-12)
-    study = dataclasses.replace(studies[1], records=(record,), parameters=studies[1].parameters | {"piezo.gain": gain})
-    estimate = pdssjax.identify(study, intervals="profile")
+def test_profiles_end_where_the_errors_do_where_the_noise_given_is_too_small(too_little_noise):
+    estimate = pdssjax.identify(too_little_noise, intervals="profile")
     for path in estimate.names:
         found = estimate.parameters[path]
         assert np.diff(found.interval)[0] == pytest.approx(2.0 * 1.96 * found.standard_error, rel=0.02), path
@@ -167,21 +168,17 @@ def test_the_pull_is_how_far_the_records_alone_are_from_what_was_told(studies, t
     assert "measured_apart" not in kept["piezo.damping_ratio"]
 
 
-def test_what_records_do_not_show_has_no_pull(studies):
-    mass = dataclasses.replace(studies[1].parameters["friction.sigma0"], value=None, start=1e6, standard_error=1e4)
-    study = dataclasses.replace(studies[1], parameters=studies[1].parameters | {"friction.sigma0": mass})
+def test_what_records_do_not_show_has_no_pull_and_each_has_the_row_of_its_own(studies):
+    """Rows are in another order than parameters in the study."""
+    sigma0 = dataclasses.replace(studies[1].parameters["friction.sigma0"], value=None, start=1e6, standard_error=1e4)
+    study = dataclasses.replace(studies[1], parameters=studies[1].parameters | {"friction.sigma0": sigma0})
     found = pdssjax.identify(study).parameters["friction.sigma0"]
     assert np.isnan(found.measured_apart.pull)
     assert found.remark == "measured apart: 1.000 +/- 0.010"
-
-
-def test_each_has_the_row_of_its_own_whatever_the_order_in_the_study(studies):
-    mass = dataclasses.replace(studies[1].parameters["friction.sigma0"], value=None, start=1e6, standard_error=1e4)
-    study = dataclasses.replace(studies[1], parameters=studies[1].parameters | {"friction.sigma0": mass})
     problem, start = pdssjax.pose_problem(study)
     jacobian = np.asarray(problem.jacobian(start))[problem.rows_apart]
     paths = problem.residual.transform.paths
-    assert [paths[int(np.flatnonzero(row)[0])] for row in jacobian] == list(problem.residual.apart)
+    assert [paths[int(np.flatnonzero(row)[0])] for row in jacobian] == list(problem.residual.priors)
 
 
 def test_replicates_of_a_bootstrap_draw_it_anew(studies, estimates):

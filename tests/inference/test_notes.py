@@ -9,7 +9,7 @@ from pathlib import Path
 import fabricated
 import numpy as np
 import pytest
-from record_tables import SHORT, record_table, step_table
+from record_tables import SHORT, loaded, record_table, step_table, write_columns
 from scipy.signal import lfilter
 
 import pdssjax
@@ -18,7 +18,7 @@ from pdssjax.cli.main import main
 from pdssjax.core import member
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.inference import Evidence, least_squares as fitting, pose, summary
-from pdssjax.inference.beyond_noise import exceeds_floor, exceeds_given_noise, highest_by_chance
+from pdssjax.inference.beyond_noise import exceeds_floor, exceeds_given_noise
 from pdssjax.inference.notes.about_records import about_records, about_rests
 from pdssjax.inference.notes.of_fit import about_information, about_models, about_resonances
 from pdssjax.report.text import format_report
@@ -54,11 +54,11 @@ def write(folder, records, text=STUDY):
     """A study of the platform alone; for each record its name: the samples, their motion, noise, role, noise line."""
     for number, (name, (time, motion, noise, role, line)) in enumerate(records.items()):
         random = np.random.default_rng([3, number] if number else 3)
-        rows = np.stack([time, 1e6 * (motion + random.normal(0.0, noise, time.size))], axis=1)
-        np.savetxt(folder / f"{name}.csv", rows, "%.7f", ",", header="time_s,y_um", comments="")
+        write_columns(
+            folder / f"{name}.csv", "time_s,y_um", time, 1e6 * (motion + random.normal(0.0, noise, time.size))
+        )
         text += "\n" + step_table(f'role = "{role}"', line, name=name, columns=SHORT)
-    (folder / "study.toml").write_text(text)
-    return pdssjax.load_study(folder / "study.toml")
+    return loaded(folder, text)
 
 
 TIME = np.arange(-0.005, 0.035, 5e-5)
@@ -136,11 +136,8 @@ def test_a_record_without_a_slip_is_called_so(tmp_path):
     time = np.arange(0.0, 0.25, 5e-4)
     motion = 5.0 * GAIN * (1.0 - np.cos(2.0 * np.pi * 20.0 * time))
     noisy = 1e6 * (motion + np.random.default_rng(7).normal(0.0, NOISE, time.size))
-    np.savetxt(
-        tmp_path / "carried.csv", np.stack([time, noisy], axis=1), "%.7f", ",", header="time_s,y_um", comments=""
-    )
-    (tmp_path / "study.toml").write_text(CARRIED)
-    estimate = pdssjax.identify(pdssjax.load_study(tmp_path / "study.toml"))
+    write_columns(tmp_path / "carried.csv", "time_s,y_um", time, noisy)
+    estimate = pdssjax.identify(loaded(tmp_path, CARRIED))
     assert estimate.parameters["piezo.gain"].value == pytest.approx(GAIN, rel=3e-3)
     assert "friction.f_c" in the_note(estimate, "The data say nothing about")
     note = the_note(estimate, "No record that was fitted walks")
@@ -250,12 +247,6 @@ def test_residuals_with_alike_neighbours_are_noise_where_they_lie_everywhere_and
     notes = " ".join(about_records([made], 1.0, False))
     assert ("coloured noise, as of a filter in the sensor" in notes) is said
     assert ("correlated, as the model's errors are" in notes) is not said
-
-
-def test_what_chance_gives_is_that_of_chi_square():
-    # scipy.stats.chi2.isf(norm.sf(4), n) / n
-    for freedom, expected in ((10, 3.8451), (100, 1.6681), (1000, 1.1890)):
-        assert highest_by_chance(freedom) == pytest.approx(expected, rel=0.02)
 
 
 def parameter(path, value, start, unit):
@@ -382,12 +373,10 @@ def test_a_record_that_begins_off_zero_is_told_unless_the_study_says_what_was_be
     tmp_path, first, said_before, told
 ):
     volts = np.where(TIME < 0.0, first, 80.0)
-    rows = np.stack([TIME - TIME[0], volts, 1e6 * rung(TIME)], axis=1)
-    np.savetxt(tmp_path / "bias.csv", rows, "%.7f", ",", header="time_s,voltage_V,y_um", comments="")
+    write_columns(tmp_path / "bias.csv", "time_s,voltage_V,y_um", TIME - TIME[0], volts, 1e6 * rung(TIME))
     drive = 'drive = { waveform = "sampled", column = "voltage_V" }'
     table = record_table("bias", "platform", *filter(None, [said_before]), drive, columns=SHORT)
-    (tmp_path / "study.toml").write_text(f"{STUDY}\n{table}")
-    notes = about_rests(pdssjax.load_study(tmp_path / "study.toml").records)
+    notes = about_rests(loaded(tmp_path, f"{STUDY}\n{table}").records)
     assert [note.startswith('The voltage begins at 60 V in "bias"') for note in notes] == [True] * told
 
 

@@ -39,9 +39,8 @@ def test_only_what_is_free_is_fitted_in_the_order_of_the_study():
     np.testing.assert_array_equal(TRANSFORM.logarithmic, [True, True, False, False, True])
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_there_and_back_gives_the_same_numbers(seed):
-    random = np.random.default_rng(seed)
+def test_there_and_back_gives_the_same_numbers():
+    random = np.random.default_rng(0)
     values = {path: STARTS[path] * random.uniform(0.5, 2.0) + 1e-4 * random.random() for path in FREE}
     decoded = TRANSFORM.decode(TRANSFORM.encode(values))
     assert {path: float(number) for path, number in decoded.items()} == pytest.approx(values, rel=1e-14)

@@ -6,7 +6,7 @@ import json
 import fabricated
 import numpy as np
 import pytest
-from record_tables import SHORT, STEP_HEAD, step_table
+from record_tables import SHORT, STEP_HEAD, step_table, write_columns
 
 import pdssjax
 from pdssjax import InputError
@@ -28,7 +28,7 @@ def write(folder, glitches, seed=3):
     motion = ZERO + fabricated.step_motion(TIME, 50.0 * 1.1e-7, 6000.0, 0.2) + random.normal(0.0, NOISE, TIME.size)
     where = random.choice(np.arange(110, TIME.size), glitches, replace=False)
     motion[where] += random.uniform(0.5e-6, 2e-6, glitches)
-    np.savetxt(folder / "step.csv", np.stack([TIME, 1e6 * motion], 1), "%.7f", ",", header="time_s,y_um", comments="")
+    write_columns(folder / "step.csv", "time_s,y_um", TIME, 1e6 * motion)
     (folder / "study.toml").write_text(STUDY)
     return folder / "study.toml"
 

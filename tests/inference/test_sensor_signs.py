@@ -22,9 +22,12 @@ def test_records_that_move_with_their_drives_are_not_questioned():
 
 @pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.name)
 def test_a_sensor_that_counts_the_other_way_is_questioned(record):
+    turned = dataclasses.replace(record, measured=-record.measured)
     with pytest.warns(InputWarning, match=r"found a motion against the voltage.*scale = -1") as said:
-        warn_of_reversed_signs([dataclasses.replace(record, measured=-record.measured)])
+        warn_of_reversed_signs([turned])
     assert len(said) == 1
+    (note,) = about_signs([turned])
+    assert note.startswith(f'Record "{record.name}": found a motion against the voltage')
     assert ("direction" in str(said[0].message)) == (record.measures == "effector")
 
 
@@ -33,9 +36,3 @@ def test_the_other_direction_is_questioned():
     turned = dataclasses.replace(walk.drive, direction=-walk.drive.direction)
     with pytest.warns(InputWarning, match="the drive's direction is the other one"):
         warn_of_reversed_signs([dataclasses.replace(walk, drive=turned)])
-
-
-def test_the_report_says_so_too():
-    walk = next(record for record in RECORDS if record.name == "5 Hz A")
-    (note,) = about_signs([dataclasses.replace(walk, measured=-walk.measured)])
-    assert note.startswith('Record "5 Hz A": found a motion against the voltage')

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from record_tables import loaded, write_columns
 
 import pdssjax
 from pdssjax.inference.problem import SHORTEST
@@ -34,10 +35,8 @@ PLAY = '"piezo.play_*" = { value = 1e-8 }\n"piezo.play_range" = { value = 25 }'
 
 def posed(folder, piezo, more):
     times = 2.03e-4 * np.arange(1, 120)
-    rows = np.stack([times, np.sin(times)], 1)
-    np.savetxt(folder / "falls.csv", rows, "%.7f", ",", header="time_s,y_um", comments="")
-    (folder / "study.toml").write_text(STUDY.format(piezo=piezo, more=more))
-    return pdssjax.pose_problem(pdssjax.load_study(folder / "study.toml"))
+    write_columns(folder / "falls.csv", "time_s,y_um", times, np.sin(times))
+    return pdssjax.pose_problem(loaded(folder, STUDY.format(piezo=piezo, more=more)))
 
 
 def test_a_jump_behind_play_begins_as_a_short_flank_with_the_right_derivative(tmp_path):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from record_tables import loaded, write_columns
 
 import pdssjax
 from pdssjax.inference.steady_sines import steady_sine
@@ -42,11 +43,9 @@ def study(folder, *sines, piezo="second-order", paths=LINEAR):
     for number, (hertz, begin) in enumerate(sines):
         time = begin + np.arange(800) / 4000.0
         seen = motion(time, hertz) + np.random.default_rng(number).normal(0.0, NOISE, time.size)
-        rows = np.stack([time, 1e6 * seen], axis=1)
-        np.savetxt(folder / f"s{number}.csv", rows, "%.9f", ",", header="time_s,y_um", comments="")
+        write_columns(folder / f"s{number}.csv", "time_s,y_um", time, 1e6 * seen, digits="%.9f")
         text += RECORD.format(name=f"s{number}", hertz=hertz)
-    (folder / "study.toml").write_text(text)
-    return pdssjax.load_study(folder / "study.toml")
+    return loaded(folder, text)
 
 
 def note_of(estimate):
@@ -91,8 +90,7 @@ def test_what_is_held_is_not_wanted(tmp_path):
     text = (tmp_path / "study.toml").read_text()
     assert '"piezo.damping_ratio" = {}' in text
     text = text.replace('"piezo.damping_ratio" = {}', '"piezo.damping_ratio" = { value = 0.2 }')
-    (tmp_path / "study.toml").write_text(text)
-    estimate = pdssjax.identify(pdssjax.load_study(tmp_path / "study.toml"))
+    estimate = pdssjax.identify(loaded(tmp_path, text))
     assert not note_of(estimate)
     assert estimate.parameters["piezo.natural_frequency"].value == pytest.approx(RATE, rel=0.01)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from record_tables import SHORT, record_table
+from record_tables import SHORT, record_table, write_columns
 
 import pdssjax
 from pdssjax.cli.main import main
@@ -36,8 +36,7 @@ def study(folder, gain, draw=1, told=True, glitches=0, longer=1):
         motion = number * np.tile(VOLTS, times) + random.normal(0.0, noise, TIME.size * times)
         if name == "fine":
             motion[10 : 10 + glitches] += 100.0 * noise
-        rows = np.stack([5e-4 * np.arange(motion.size), 1e6 * motion], axis=1)
-        np.savetxt(folder / f"{name}.csv", rows, "%.9f", ",", header="time_s,y_um", comments="")
+        write_columns(folder / f"{name}.csv", "time_s,y_um", 5e-4 * np.arange(motion.size), 1e6 * motion, digits="%.9f")
         lines = [line, DRIVE, *([f'noise = "{1e6 * noise} um"'] if told else [])]
         text += "\n" + record_table(name, "platform", *filter(None, lines), columns=SHORT)
     (folder / "study.toml").write_text(text)

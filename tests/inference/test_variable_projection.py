@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from record_tables import loaded, write_columns
 from scipy.optimize import least_squares, lsq_linear
 from scipy.signal import lfilter
 
@@ -64,9 +65,7 @@ def loops(folder, text=STUDY):
         slope, fade = (now - before) / 5e-3, np.exp(-5e-3 / 12e-3)
         rows.append(now - 12e-3 * slope + (rows[-1] - before + 12e-3 * slope) * fade)
     motion = 1e6 * np.array(rows) + np.random.default_rng(2).normal(0.0, 0.02, time.size)
-    np.savetxt(
-        folder / "loops.csv", np.stack([time, volts, motion], 1), "%.9f", ",", header="time_s,u_V,y_um", comments=""
-    )
+    write_columns(folder / "loops.csv", "time_s,u_V,y_um", time, volts, motion, digits="%.9f")
     (folder / "study.toml").write_text(text)
     return folder / "study.toml"
 
@@ -242,9 +241,7 @@ def test_a_ladder_of_creep_a_decade_off_is_left(tmp_path):
         aim[k] += z @ [1e-8, 0.8e-8]
     aim += sum(share * low_pass(volts, tau) for share, tau in zip((1.5e-9, 2e-9), taus, strict=True))
     motion = 1e6 * low_pass(aim, 1e-3)[::fine] + np.random.default_rng(0).normal(0.0, 1e-3, 1000)
-    rows = np.stack([times[::fine], motion], 1)
-    np.savetxt(tmp_path / "sine.csv", rows, "%.7g", ",", header="time_s,y_um", comments="")
-    (tmp_path / "study.toml").write_text(LADDER)
-    found = pdssjax.identify(pdssjax.load_study(tmp_path / "study.toml")).parameters["piezo.creep_time"]
+    write_columns(tmp_path / "sine.csv", "time_s,y_um", times[::fine], motion, digits="%.7g")
+    found = pdssjax.identify(loaded(tmp_path, LADDER)).parameters["piezo.creep_time"]
     # The other valley, where the first element takes the place of the second and that is unused, is 10 higher.
     assert abs(found.value - taus[0]) < 4.0 * found.standard_error < 0.01

@@ -33,13 +33,13 @@ def test_whitened_noise_is_white_and_its_log_score_that_of_the_normal_distributi
     e = autoregression(0.8, TIME.size)
     one = record()
     found = common_noise(one, -e, TIME.size)
-    assert found.noise.coefficients[0] == pytest.approx(0.8, abs=0.1)
-    assert found.independent < 0.5 * TIME.size and found.correlation_time > TIME[1]
+    assert found.process.coefficients[0] == pytest.approx(0.8, abs=0.1)
+    assert found.size.independent < 0.5 * TIME.size and found.size.correlation_time > TIME[1]
     rows = np.zeros(TIME.size, bool)
     rows[20:140] = True
     white = whitener(one, found, rows)
     places = np.arange(120)
-    covariance = found.noise.autocovariance(120)[np.abs(places[:, None] - places)]
+    covariance = found.process.autocovariance(120)[np.abs(places[:, None] - places)]
     w = white(e[rows])
     expected = multivariate_normal(np.zeros(120), covariance).logpdf(e[rows])
     assert -0.5 * (w @ w + white.log_volume) == pytest.approx(expected, rel=1e-3)
@@ -48,9 +48,9 @@ def test_whitened_noise_is_white_and_its_log_score_that_of_the_normal_distributi
 def test_noise_that_is_told_stands_unless_the_residuals_exceed_it_beyond_chance():
     e = np.random.default_rng(3).standard_normal(TIME.size)
     told = common_noise(record(noise=1.05), -e, TIME.size)
-    assert told.is_told and told.deviation == 1.05
+    assert told.size.told and told.size.deviation == 1.05
     exceeded = common_noise(record(noise=0.5), -e, TIME.size)
-    assert not exceeded.is_told and exceeded.deviation == pytest.approx(1.0, abs=0.1)
+    assert not exceeded.size.told and exceeded.size.deviation == pytest.approx(1.0, abs=0.1)
 
 
 def test_samples_that_stand_out_are_compared_for_no_model():
@@ -181,7 +181,7 @@ def test_whole_records_are_held_out_where_another_one_measures_the_same():
 def test_a_few_samples_are_not_held_out():
     study = SimpleNamespace(records=(record(time=TIME[:30]),))
     assert parts_of(study) == ()
-    assert isinstance(common_noise(record(time=TIME[:30]), np.zeros(30), 30).noise, StationaryNoise)
+    assert isinstance(common_noise(record(time=TIME[:30]), np.zeros(30), 30).process, StationaryNoise)
 
 
 def test_a_right_model_is_not_refused_for_a_fitted_record_that_alone_tells_some_of_its_parameters():

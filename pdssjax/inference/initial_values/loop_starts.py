@@ -20,7 +20,7 @@ from ..solver.box_least_squares import nonnegative_least_squares
 from .record_features import as_displacements, sticking_parts, voltages_at
 
 _MOST = 3000
-"""Samples of a record that are looked at."""
+"""Largest number of samples used of a record."""
 
 _BEFORE = 500
 """Moments between the drive's start and a record that begins later."""
@@ -32,7 +32,7 @@ _VALLEYS = 3
 """Grid points from which the search goes on: with few elements one stands where another should."""
 
 _TIMES = 5
-"""Times tried."""
+"""Number of time constants tried."""
 
 _STEPS = (1.3, 1.1, 1.02)
 """Factors by which they are refined."""
@@ -48,10 +48,12 @@ _HISTORY = ("initial_voltage", "initial_peak")
 
 
 class _Loop(NamedTuple):
+    """A record, or a part of it, with the voltage before."""
+
     time: Float[np.ndarray, " n"]
     volts: Float[np.ndarray, " n"]
-    seen: Float[np.ndarray, " m"]
-    """Which of them were measured: the last m."""
+    measured: Float[np.ndarray, " m"]
+    """Displacement at the last m of the times."""
     noise: float
 
 
@@ -74,21 +76,21 @@ def loop_starts(
         return {}  # a fit finds powers from nothing where the whole motion shows them, and parts show no loop
     parts = [(r, part) for r in alone or driven for part in ([None] if alone else sticking_parts(r))]
     loops = [_loop(record, part) for record, part in parts]
-    loops = [loop for loop in loops if np.ptp(loop.volts) > 0.0 and np.ptp(loop.seen) > 0.0]
+    loops = [loop for loop in loops if np.ptp(loop.volts) > 0.0 and np.ptp(loop.measured) > 0.0]
     if not loops:
         return {}
     trial = _Trial(piezo, known, loops, quantities(piezo))
     if not names:
         return trial.best_weights(())
-    told = piezo.determinable_ranges(shown)
-    grid = [_grid(name, told.get(name), known, loops) for name in names]
+    ranges = piezo.determinable_ranges(shown)
+    grid = [_grid(name, ranges.get(name), known, loops) for name in names]
     by_first: dict[float, tuple[float, tuple[float, ...]]] = {}
     for point in itertools.product(*grid):
         left = trial.left(point)
         if left < by_first.get(point[0], (math.inf, point))[0]:
             by_first[point[0]] = left, point
     free = [i for i, name in enumerate(names) if name not in known]
-    ends = [told[name][:2] if name in told else (0.0, math.inf) for name in names]
+    ends = [ranges[name][:2] if name in ranges else (0.0, math.inf) for name in names]
     promising = sorted(by_first.values())[:_VALLEYS]
     _, best = min(_refined(trial, point, left, free, ends) for left, point in promising)
     found = trial.best_weights(best) | dict(zip(names, best, strict=True))
@@ -101,14 +103,14 @@ def _loop(record: Record, part: slice | None = None) -> _Loop:
         volts = voltages_at(record, record.time[: part.stop])
         return _Loop(record.time[: part.stop], volts, record.measured[part], _noise(record))
     stride = -(-record.time.size // _MOST)
-    time, seen = record.time[::stride], record.measured[::stride]
+    time, measured = record.time[::stride], record.measured[::stride]
     kept = time > 0.0
-    time, seen = time[kept], seen[kept]
+    time, measured = time[kept], measured[kept]
     first = float(time[0]) if time.size else 0.0
     interval = float(np.median(np.diff(record.time))) * stride
     before = np.linspace(0.0, first, _BEFORE, endpoint=False)[1:] if first > 2.0 * interval else np.zeros(0)
     whole = np.concatenate([before, time])
-    return _Loop(whole, voltages_at(record, whole), seen, _noise(record))
+    return _Loop(whole, voltages_at(record, whole), measured, _noise(record))
 
 
 def _noise(record: Record) -> float:
@@ -116,18 +118,20 @@ def _noise(record: Record) -> float:
 
 
 def _grid(
-    name: str, told: DeterminableRange | None, known: Mapping[str, float], loops: Sequence[_Loop]
+    name: str, determinable: DeterminableRange | None, known: Mapping[str, float], loops: Sequence[_Loop]
 ) -> tuple[float, ...]:
     """The thresholds or times tried: those `known`, else over the range that the records tell."""
     if name in known:
         return (known[name],)
-    if told is not None:
-        return tuple(map(float, np.geomspace(told.low, told.high, _TIMES)))
+    if determinable is not None:
+        return tuple(map(float, np.geomspace(determinable.low, determinable.high, _TIMES)))
     swing = max(float(np.ptp(np.append(loop.volts, 0.0))) for loop in loops)
     return tuple(share * swing for share in _RANGES)
 
 
 class _Trial(NamedTuple):
+    """Least squares over the weights of a stack, for thresholds and times that are tried."""
+
     piezo: type[AbstractPiezo]
     known: Mapping[str, float]
     loops: Sequence[_Loop]
@@ -151,11 +155,11 @@ class _Trial(NamedTuple):
             columns = self.piezo.loop_columns(loop.time, loop.volts, numbers)
             names = [name for name in columns if name not in self.known]
             held = sum((columns[n] * self.known[n] for n in columns if n in self.known), np.zeros(loop.time.size))
-            zeros = np.zeros((loop.seen.size, len(self.loops)))
+            zeros = np.zeros((loop.measured.size, len(self.loops)))
             zeros[:, place] = 1.0
-            seen = slice(loop.time.size - loop.seen.size, None)
-            rows.append(np.column_stack([*(columns[name][seen] for name in names), zeros]) / loop.noise)
-            targets.append((loop.seen - held[seen]) / loop.noise)
+            last = slice(loop.time.size - loop.measured.size, None)
+            rows.append(np.column_stack([*(columns[name][last] for name in names), zeros]) / loop.noise)
+            targets.append((loop.measured - held[last]) / loop.noise)
         signed = np.array([self.declared[name].low != 0.0 for name in names] + [True] * len(self.loops))
         x, left = nonnegative_least_squares(np.concatenate(rows), np.concatenate(targets), signed)
         return {name: float(number) for name, number in zip(names, x, strict=False)}, left
@@ -168,7 +172,7 @@ def _refined(
     free: Sequence[int],
     ends: Sequence[tuple[float, float]],
 ) -> tuple[float, tuple[float, ...]]:
-    """What is left, and where, from a point of the grid on: one number after the other, between its `ends`."""
+    """The sum of squares left and the point where, from a point of the grid on, one number after the other."""
     for factor in _STEPS:
         for _ in range(_ROUNDS):
             before = least

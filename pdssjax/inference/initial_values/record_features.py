@@ -42,7 +42,7 @@ _FINER = 4
 """Samples in the time in which a platform feels a change, so that corners are hardly missed."""
 
 _PERIODS = 3.0
-"""Periods looked at of a voltage that repeats."""
+"""Number of periods used of a voltage that repeats."""
 
 _SLOW_SHARE = 0.7
 """Part of the time that slow flanks take where there are any."""
@@ -53,12 +53,12 @@ _LEAST_OF_FLANK, _MOST_FLANKS = 4, 12
 
 def as_displacements(records: Sequence[Record]) -> list[Record]:
     """The records that tell a displacement, with that [m], up to a constant, in place of what was measured."""
-    return _as_told(records, [record.measurement.displacement(_samples(record)) for record in records])
+    return _with_samples(records, [record.measurement.displacement(_samples(record)) for record in records])
 
 
 def as_forces(records: Sequence[Record]) -> list[Record]:
     """The records that tell a force, with that [N], up to a constant, in place of what was measured."""
-    return _as_told(records, [record.measurement.force(_samples(record)) for record in records])
+    return _with_samples(records, [record.measurement.force(_samples(record)) for record in records])
 
 
 def _samples(record: Record) -> Samples:
@@ -66,8 +66,9 @@ def _samples(record: Record) -> Samples:
     return Samples(record.time, record.measured, volts, record.offset)
 
 
-def _as_told(records: Sequence[Record], told: Sequence[Float[np.ndarray, " samples"] | None]) -> list[Record]:
-    pairs = zip(records, told, strict=True)
+def _with_samples(records: Sequence[Record], samples: Sequence[Float[np.ndarray, " samples"] | None]) -> list[Record]:
+    """The records that have `samples`, with these in place of what was measured."""
+    pairs = zip(records, samples, strict=True)
     return [dataclasses.replace(record, measured=values) for record, values in pairs if values is not None]
 
 
@@ -97,7 +98,7 @@ def _finest(records: Sequence[Record]) -> list[Record]:
 
 
 def _usual(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """By name, the median of those that have it."""
+    """The median of each feature, by name, over the records that have it."""
     names = sorted({name for features in found for name in features})
     return {name: float(np.median([features[name] for features in found if name in features])) for name in names}
 
@@ -269,10 +270,10 @@ def contact_scale(record: Record, moved: float | None) -> tuple[float, float, fl
     force = 0.5 * float(np.subtract(*np.percentile(record.measured, [95.0, 5.0]))) or 1e-3
     if record.measurement.prescribed == "velocity":
         return _curve_scale(record.motion, record.measured, moved)
-    steps, pulled = np.diff(record.motion), np.diff(record.measured)
+    steps, changes = np.diff(record.motion), np.diff(record.measured)
     stroke = float(np.ptp(record.motion)) or 1e-6
     moves = np.abs(steps) > 1e-4 * stroke
-    slopes = (pulled[moves] / steps[moves]) if moves.any() else np.zeros(1)
+    slopes = (changes[moves] / steps[moves]) if moves.any() else np.zeros(1)
     stiffness = max(float(np.percentile(slopes, 90.0)), force / stroke)
     speed = float(np.median(np.abs(steps[moves] / np.diff(record.time)[moves]))) if moves.any() else stroke
     mass = stiffness / (0.3 * (stiffness * speed / force) ** 2) if moved is None else moved

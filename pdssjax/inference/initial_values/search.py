@@ -32,7 +32,7 @@ from ...study import (
     split_path,
 )
 from ..losses.base import AbstractLoss
-from ..residual import TOGETHER, Comparison, Evaluator, as_weights, measured_apart
+from ..residual import TOGETHER, Comparison, Evaluator, as_weights, prior_measurements
 from .loop_starts import loop_starts
 from .record_features import (
     as_forces,
@@ -328,7 +328,7 @@ def _beginnings(
     places = tuple(fitted or range(len(records)))
     compared = [records[place] for place in places]
     early = tuple(record.time <= ends[place] for place, record in zip(places, compared, strict=True))
-    comparison = Comparison(compared, loss, measured_apart(parameters))
+    comparison = Comparison(compared, loss, prior_measurements(parameters))
     comparison = eqx.tree_at(lambda comparison: comparison.used, comparison, early)
     is_used = np.array([any(record is other for other in used) for record in records])
     noises = [scatter_floor(record.measured[e]) for record, e in zip(compared, early, strict=True)]

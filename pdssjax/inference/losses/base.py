@@ -27,7 +27,7 @@ class AbstractLoss(eqx.Module):
     """The cost of a residual."""
 
     is_robust: ClassVar[bool] = True
-    """Large residuals pull less than their size."""
+    """Large residuals size less than their size."""
 
     scatter_efficiency: ClassVar[float] = 0.3675
     """Share of the residuals that would tell as much by their squares as all do by `scatter`: of the median of absolute
@@ -82,9 +82,9 @@ class AbstractLoss(eqx.Module):
 
         def reweighted(_: int, z: Scalar) -> Scalar:
             r = (inside - z) * weight
-            pull = jnp.where(jnp.abs(r) > 1e-12, self.influence(r) / jnp.where(r == 0.0, 1.0, r), 1.0)
-            pull = jnp.where(counts, pull, 0.0)
-            return jnp.sum(pull * inside) / jnp.sum(pull)
+            size = jnp.where(jnp.abs(r) > 1e-12, self.influence(r) / jnp.where(r == 0.0, 1.0, r), 1.0)
+            size = jnp.where(counts, size, 0.0)
+            return jnp.sum(size * inside) / jnp.sum(size)
 
         middle = jnp.nanmedian(jnp.where(counts, inside, jnp.nan))
         z = lax.stop_gradient(lax.fori_loop(0, _ROUNDS, reweighted, middle))

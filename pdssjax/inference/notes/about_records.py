@@ -32,13 +32,13 @@ def shown(number: float, unit: str) -> str:
 
 
 def listed(texts: Iterable[str]) -> str:
-    """One, two and three, as a sentence has them."""
+    """Texts joined as a sentence has them: one, two and three."""
     texts = list(texts)
     return " and ".join([", ".join(texts[:-1]), texts[-1]]) if len(texts) > 1 else "".join(texts)
 
 
 def quoted(records: Sequence[FittedRecord]) -> str:
-    """The names of records."""
+    """The names of records, quoted and joined."""
     return listed(f'"{record.name}"' for record in records)
 
 
@@ -48,7 +48,7 @@ def about_better_optimum(when: str, chi2: float, path: str, number: float) -> st
 
 
 def about_outliers(records: Sequence[FittedRecord], enlarged: str, is_robust: bool) -> list[str]:
-    """Which samples of the `records` stand out, and where they are all that the model does not explain.
+    """Samples of the `records` that stand out, and where they are all that the model does not explain.
 
     **Arguments:** what the note says of how errors are `enlarged`; whether the loss is robust.
     """
@@ -117,14 +117,14 @@ _NOISE = 0.9
 """Share of the residuals that neighbours must scatter for all of them to be noise."""
 
 _OF_TIMING = 0.5
-"""Share of what is left in slips that their delay explains, from which it is told."""
+"""Share of what is left in slips that their delay explains, from which it is worth a note."""
 
 _NO_WALK = 0.01
 """Net step over stroke below which a motion is no walk."""
 
 
 def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
-    """How well a stack that was read off peaks follows the records it was `read` from."""
+    """Residuals of a stack that was read off peaks in the records it was `read` from."""
     known = [record for record in read if record.simulated]
     if not known:
         return []
@@ -136,7 +136,7 @@ def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
 
 
 def about_rests(records: Sequence[Record]) -> list[str]:
-    """Which of the fitted records begin off zero, where nothing says what was before."""
+    """Fitted records that begin off zero, where nothing says what was before."""
     figures = [f'{r.rest_voltage:.4g} V in "{r.name}"' for r in records if r.rest_voltage is not None]
     if not figures:
         return []
@@ -150,7 +150,7 @@ def about_rests(records: Sequence[Record]) -> list[str]:
 def about_records(
     records: Sequence[FittedRecord], factor: float, is_robust: bool, missed: Sequence[Missed] = ()
 ) -> list[str]:
-    """Which records the fit does not explain.
+    """Records that the fit does not explain.
 
     **Arguments:** the `factor` by which variances exceed those of the noise given; whether the loss is robust, so that
     standard errors do not depend on the noise given; the records that were not fitted and are `missed`.
@@ -232,7 +232,7 @@ def _about_repeating(fitted: Sequence[FittedRecord]) -> list[str]:
 
 
 def _about_slips(unexplained: Sequence[FittedRecord]) -> list[str]:
-    """Where slips that come early or late are most of what is left in them."""
+    """Records in which slips that come early or late are most of what is left in the slips."""
     figures = []
     for record in unexplained:
         walks = record.measures == "effector" and record.frequency is not None
@@ -297,19 +297,19 @@ def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
 
 
 def _about_walking(fitted: Sequence[FittedRecord]) -> list[str]:
-    """Where no record walks, and none shows a force, what friction does when it slides may be in none."""
+    """Fitted records of which none walks and none shows a force, so that none may show sliding friction."""
     moving = [r for r in fitted if r.measures == "effector" and r.frequency]
     if not moving or any(r.measures in ("friction", "force") for r in fitted):
         return []
-    told = []
+    steps = []
     for record in moving:
         drift = drift_per_cycle(record.time, record.measured, record.frequency or 0.0)
         if drift is None or abs(drift.net) > max(_NO_WALK * drift.stroke, 3.0 * drift.standard_error):
             return []
         text = record.display.text
-        told.append(f"{text(drift.net)} +/- {text(drift.standard_error)} a cycle in {quoted([record])}")
+        steps.append(f"{text(drift.net)} +/- {text(drift.standard_error)} a cycle in {quoted([record])}")
     return [
-        f"No record that was fitted walks: the end-effector comes back ({listed(told)}). Either it never slips, and "
+        f"No record that was fitted walks: the end-effector comes back ({listed(steps)}). Either it never slips, and "
         "then nothing tells at which force it would, or every slip takes back the whole stroke. Add a record of "
         "a higher voltage or with a steeper fast flank."
     ]

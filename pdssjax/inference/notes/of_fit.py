@@ -1,7 +1,6 @@
 """All notes of one fit, in the order in which they are read, and those on its parameters."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -23,7 +22,8 @@ from ...study import (
     hidden_from,
 )
 from ..determinable_ranges import determinable_ranges
-from ..least_squares import START_FAILED, Fit
+from ..evidence import Evidence
+from ..least_squares import START_FAILED
 from ..parameter_transform import ParameterTransform
 from ..record_checks import about_signs
 from ..steady_sines import Inseparable
@@ -50,8 +50,7 @@ def about_resonances(
     """Modes that no record is sampled finely enough for, and modes without damping; of free `paths` only."""
     notes = []
     for mode, involved in depends_on(models, values, paths).items():
-        seen = [record for record in records if mode.acts_on(record.measurement)]
-        if not involved or not seen:
+        if not involved or not any(mode.acts_on(record.measurement) for record in records):
             continue
         if aliased := hidden_from(mode, records):
             notes.append(_alias(mode, involved, aliased))
@@ -76,21 +75,23 @@ def _alias(mode: Resonance, involved: Sequence[str], records: Sequence[Record]) 
         f"sampled more finely: {names}. It may be an alias, since its samples are like those of {image:.4g} Hz. Do not "
         f"trust {listed(involved)} before a record sampled at {enough:g} Hz or more has confirmed "
         f"{'them' if len(involved) > 1 else 'it'}."
-        + " A stage this slow needs no resonance: fix it, or choose static dynamics."
-        * (mode.what == "platform")
+        + (
+            " A stage this slow needs no resonance: fix it, or choose static dynamics."
+            if mode.what == "platform"
+            else ""
+        )
     )
 
 
 FAR = 10.0
-"""Factor by which a parameter must have moved from its start to be worth a word."""
-
+"""Factor by which a parameter must have moved from its start to be worth a note."""
 
 CONTRADICTED = 3.0
-"""Pull of what was measured apart that is worth a word: by chance one in 370 has it."""
+"""Pull of a number measured apart that is worth a note: by chance one in 370 has it."""
 
 
 def about_starts(declared: Mapping[str, Parameter], parameters: Mapping[str, FittedParameter]) -> list[str]:
-    """Where the starts that were given from elsewhere than the study come from."""
+    """Sources of the starts that were given from elsewhere than the study."""
     free = [path for path, parameter in parameters.items() if parameter.free]
     # Not of a fit that began elsewhere, as where it was poor and other starts were tried.
     given = [declared[path].source for path in free if declared[path].start == parameters[path].start]
@@ -136,7 +137,7 @@ def _without_information(parameter: FittedParameter) -> str:
 
 
 def moved(parameter: FittedParameter) -> bool:
-    """A free parameter is not where it began."""
+    """Whether a free parameter is not where it began."""
     return not np.isclose(parameter.value, _start(parameter), rtol=1e-6, atol=0.0)
 
 
@@ -162,10 +163,10 @@ def about_sines(mixed: Inseparable | None) -> list[str]:
     at = listed(f"{frequency:.4g} Hz" for frequency in mixed.frequencies)
     errors = "it has no error" if len(mixed.paths) == 1 else "they have no errors"
     return [
-        f"The records cannot tell {names} apart: a steady sine tells a gain and a phase, {mixed.told} numbers of "
-        f"{records} (at {at}), where these are {mixed.needed}. What the fit has of {listed(mixed.paths)} rests on the "
-        f"shape of the loops alone, as the law of the stack has it, and {errors}. Hold what is known otherwise "
-        "(value in the study), or add a step or a sine of another frequency."
+        f"The records cannot tell {names} apart: a steady sine tells a gain and a phase, {mixed.known_numbers} numbers "
+        f"of {records} (at {at}), where these are {mixed.unknown_numbers}. What the fit has of {listed(mixed.paths)} "
+        f"rests on the shape of the loops alone, as the law of the stack has it, and {errors}. Hold what is known "
+        "otherwise (value in the study), or add a step or a sine of another frequency."
     ]
 
 
@@ -174,16 +175,16 @@ def about_bounds(
     found: Float[np.ndarray, " p"],
     scale: ParameterTransform,
     parameters: Mapping[str, FittedParameter],
-    told: Mapping[str, DeterminableRange],
+    ranges: Mapping[str, DeterminableRange],
 ) -> list[str]:
     """Parameters that ended on a bound, or ran out of reach; `found` on the fit's scale.
 
-    **Arguments:** between which numbers the records tell some of them, where that bounds the fit.
+    **Arguments:** the `ranges` in which records determine some of them, where these bound the fit.
     """
     notes = []
     for side, ends in (("lower", found <= scale.low), ("upper", found >= scale.high)):
         at = [int(i) for i in np.flatnonzero(ends)]
-        reached = [i for i in at if scale.paths[i] not in told]
+        reached = [i for i in at if scale.paths[i] not in ranges]
         links = scale.ties.links if scale.ties is not None else ()
         tied = {scale.paths.index(link.child): link for link in links if link.is_upper == (side == "upper")}
         notes += [_at_constraint(tied[i].constraint, side) for i in at if i in tied]
@@ -197,12 +198,12 @@ def about_bounds(
                 f"holds {it} there for the errors of the others. Fix {it}, or add a record that shows {it}."
             )
         others = [scale.paths[i] for i in at if i not in unreachable]
-        notes += [_at_bound(declared[path], parameters[path].value, side, told.get(path)) for path in others]
+        notes += [_at_bound(declared[path], parameters[path].value, side, ranges.get(path)) for path in others]
     return notes
 
 
 def _out_of_reach(declared: Parameter, scale: ParameterTransform, i: int, side: str) -> bool:
-    """The end is that of a fit's reach: neither the study's nor that of the legal range."""
+    """Whether the end is that of a fit's reach: neither the study's nor that of the legal range."""
     given, legal, ends = (
         (declared.low, declared.quantity.low, scale.low)
         if side == "lower"
@@ -221,7 +222,7 @@ def _at_constraint(constraint: Constraint, side: str) -> str:
     )
 
 
-def _at_bound(declared: Parameter, value: float, side: str, told: DeterminableRange | None) -> str:
+def _at_bound(declared: Parameter, value: float, side: str, determinable: DeterminableRange | None) -> str:
     given = declared.low if side == "lower" else declared.high
     key = "min" if side == "lower" else "max"
     head = f"{declared.path} is at its {side} bound, {shown(value, declared.unit)}"
@@ -230,17 +231,17 @@ def _at_bound(declared: Parameter, value: float, side: str, told: DeterminableRa
             f"{head}, the {key} that the study gives, and held there for the errors of the others. Move the bound, "
             "unless there is a reason for it: the best fit lies beyond."
         )
-    if told is not None:
+    if determinable is not None:
+        why = determinable.why_low if side == "lower" else determinable.why_high
         return (
-            f"{head}, {told.why_low if side == 'lower' else told.why_high}, and held there for the errors of the "
-            "others: the records do not tell what lies beyond. Fewer elements may do, or a record that shows it; "
-            f"{key} in the study lets the fit go on."
+            f"{head}, {why}, and held there for the errors of the others: the records do not tell what lies beyond. "
+            f"Fewer elements may do, or a record that shows it; {key} in the study lets the fit go on."
         )
     return f"{head}, the end of its legal range, and held there for the errors of the others. Fix it there."
 
 
 def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransform) -> list[str]:
-    """Parameters that ended far from where they began; of what was measured apart the pull tells it."""
+    """Parameters that ended far from where they began, but for those measured apart, which have a pull."""
     notes = []
     for parameter in parameters:
         if parameter.measured_apart is not None:
@@ -270,70 +271,64 @@ def about_measured_apart(parameters: Iterable[FittedParameter]) -> list[str]:
             continue
         number, error, pull = parameter.measured_apart
         unit = display_unit(parameter.unit)[0]
-        told = f"{parameter.with_error(number, error)} {unit}".rstrip()
+        prior = f"{parameter.with_error(number, error)} {unit}".rstrip()
         ended = f"{parameter.with_error(parameter.value, error).partition(' ')[0]} {unit}".rstrip()
         notes.append(
-            f"The records contradict {parameter.path} as it was measured apart, {told}: it ended at {ended}, "
+            f"The records contradict {parameter.path} as it was measured apart, {prior}: it ended at {ended}, "
             f"a pull of {pull:+.2g} (the difference in standard deviations "
             "that it has by chance). One of them is wrong, or the model is."
         )
     return notes
 
 
-class ErrorFacts(NamedTuple):
-    """Facts about a fit's errors that notes are made from."""
-
-    null: Sequence[Float[np.ndarray, " p"]]
-    """Directions without information."""
-    weakly_determined: Bool[np.ndarray, " p"]
-    """Which free parameters hardly have any."""
-    factor: float
-    """Ratio of variances to those of the noise given; where the stack was read off peaks, of the records fitted
-    after it."""
-    by_peaks: bool
-    """The stack was read off peaks."""
-    is_robust: bool
-    """The loss is robust, so that errors do not depend on the noise given."""
-    missed: Sequence[Missed] = ()
-    """Records that were not fitted and are not predicted."""
-    mixed: Inseparable | None = None
-    """Parameters that steady sines cannot separate; None where there are none."""
-
-
 def notes_of(
-    estimate: Estimate, study: Study, fit: Fit, transform: ParameterTransform, facts: ErrorFacts
+    estimate: Estimate,
+    study: Study,
+    evidence: Evidence,
+    null: Sequence[Float[np.ndarray, " p"]],
+    weakly_determined: Bool[np.ndarray, " p"],
+    factor: float,
+    missed: Sequence[Missed],
+    mixed: Inseparable | None,
 ) -> tuple[str, ...]:
-    """All notes on an `estimate` that the user must read."""
+    """All notes on an `estimate` that the user must read.
+
+    **Arguments:**
+
+    - `null`: directions without information.
+    - `weakly_determined`: which free parameters have hardly any information.
+    - `factor`: ratio of variances to those of the noise given; where the stack was read off peaks, of the records
+      fitted after it.
+    - `missed`: records that were not fitted and are not predicted.
+    - `mixed`: parameters that steady sines cannot separate; None where there are none.
+    """
+    problem, fit = evidence.problem, evidence.fit
     if fit.message == START_FAILED:
         return ()
-    parameters, null = estimate.parameters, facts.null
+    transform, parameters = problem.residual.transform, estimate.parameters
     unknown = {path for v in null for path, share in zip(transform.paths, v, strict=True) if share}
-    unsure = [path for path, is_weak in zip(transform.paths, facts.weakly_determined, strict=True) if is_weak]
-    mixed = facts.mixed.paths if facts.mixed is not None else ()
-    silent = {*unknown, *unsure, *mixed, *(path for path in transform.paths if parameters[path].at_bound)}
+    unsure = [path for path, is_weak in zip(transform.paths, weakly_determined, strict=True) if is_weak]
+    inseparable = mixed.paths if mixed is not None else ()
+    silent = {*unknown, *unsure, *inseparable, *(path for path in transform.paths if parameters[path].at_bound)}
     values = {path: parameter.value for path, parameter in parameters.items()}
+    fitted = [record for record in study.records if record.role == "fit"]
+    # Records that a stack was read off are not judged by the fit that held it.
+    read = [estimate.method == "peaks" and r.role == "fit" and r.measurement.platform_alone for r in study.records]
+    judged = [found for found, is_read in zip(estimate.records, read, strict=True) if not is_read]
+    peaks = [found for found, is_read in zip(estimate.records, read, strict=True) if is_read]
     return (
         *about_starts(study.parameters, parameters),
         *about_information(null, transform.paths, parameters),
         *about_weak_determination(unsure),
-        *about_sines(facts.mixed),
+        *about_sines(mixed),
         *about_bounds(study.bounded_parameters, fit.free, transform, parameters, determinable_ranges(study)),
         *about_distance([parameters[path] for path in transform.paths if path not in silent], transform),
         *about_measured_apart(parameters.values()),
         *about_models(study.models, values),
         *about_resonances(study.models, values, [p for p in transform.paths if p not in unknown], study.records),
-        *about_signs([record for record in study.records if record.role == "fit"]),
-        *about_rests([record for record in study.records if record.role == "fit"]),
-        *_about_fitted(estimate, study, facts),
+        *about_signs(fitted),
+        *about_rests(fitted),
+        *about_records(judged, factor, problem.residual.loss.is_robust, missed),
+        *about_peaks(peaks),
         *about_agreement(estimate.diagnosis, estimate.method),
     )
-
-
-def _about_fitted(estimate: Estimate, study: Study, facts: ErrorFacts) -> list[str]:
-    """Notes on the fitted records; those that a stack was read off are not judged by the fit that held it."""
-    if not facts.by_peaks:
-        return about_records(estimate.records, facts.factor, facts.is_robust, facts.missed)
-    read = [record.role == "fit" and record.measurement.platform_alone for record in study.records]
-    judged = [found for found, is_read in zip(estimate.records, read, strict=True) if not is_read]
-    peaks = [found for found, is_read in zip(estimate.records, read, strict=True) if is_read]
-    return [*about_records(judged, facts.factor, facts.is_robust, facts.missed), *about_peaks(peaks)]

@@ -46,12 +46,12 @@ from .races import (
 
 
 class Point(NamedTuple):
-    """Where a run of a fit has been."""
+    """A point that a run of a fit has come to."""
 
     fit: Fit
     problem: Problem
     starts: dict[str, float]
-    """Where that run began [SI], by path; fixed parameters too."""
+    """The starts of that run [SI], by path, with the fixed parameters."""
     covers: int
     """Records that the run fits: 2 all, 1 those that need the contact, 0 those of the platform."""
 
@@ -64,14 +64,14 @@ class BestPoint:
         self._starts: dict[str, float] = {}
 
     def watched(self, run: FitMethod) -> FitMethod:
-        """`run`, which tells of every iteration."""
+        """`run` with every iteration noted."""
 
-        def told(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
+        def watched_run(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
             given = {**problem.residual.fixed, **starts}
             self._starts = {path: float(number) for path, number in given.items()}
             return run(problem._replace(watch=self.note), starts, report, limit)
 
-        return told
+        return watched_run
 
     def note(self, problem: Problem, used: Bool[np.ndarray, " records"], fit: Fit) -> None:
         """Keep the point of `fit`, of the records `used`, if it is the best so far.
@@ -99,7 +99,7 @@ def completed(point: Point, report: Progress) -> Fit:
 
 
 _MUCH = 2e9
-"""Bytes that every evaluation may take without a word."""
+"""Bytes that every evaluation may take without a warning."""
 
 _A_STEP = 200.0
 """Bytes by step, component and direction: 2.6 GB of 240 000 steps of 6 components in 9 directions were seen."""
@@ -167,7 +167,7 @@ _FIRST = 12
 """Iterations after which a fit from a start that was searched for must look promising."""
 
 _PROMISING = 2.0
-"""Reduced chi-square at that moment."""
+"""Reduced chi-square below which such a fit is promising."""
 
 
 class Budget:
@@ -195,8 +195,7 @@ class Budget:
     @property
     def word(self) -> str:
         """The note where runs were refused."""
-        told = f"; after {self.spent} evaluations no other start was fitted"
-        return told + self.effort.advice
+        return f"; after {self.spent} evaluations no other start was fitted{self.effort.advice}"
 
 
 def best_fit(
@@ -257,7 +256,7 @@ APART = 1.0
 
 
 class Ended(NamedTuple):
-    """One fit."""
+    """A fit and its starts."""
 
     begun: dict[str, float]
     fit: Fit
@@ -340,8 +339,8 @@ def optima(fits: list[Fit], problem: Problem) -> list[int]:
 
 
 def _same(fit: Fit, other: Fit, problem: Problem) -> bool:
-    """Neither chi-square nor the linear model tells the ends of two fits apart."""
+    """Whether neither chi-square nor the linear model tells the ends of two fits apart."""
     factor = max(1.0, Evidence(problem, other).reduced_chi2)
     step: Float[np.ndarray, " p"] = np.asarray(fit.free) - np.asarray(other.free)
-    apart = float(np.sum((np.asarray(other.state.jacobian) @ step) ** 2))
-    return abs(fit.chi2 - other.chi2) < APART**2 * factor and apart < APART**2 * factor
+    distance = float(np.sum((np.asarray(other.state.jacobian) @ step) ** 2))
+    return abs(fit.chi2 - other.chi2) < APART**2 * factor and distance < APART**2 * factor

@@ -1,16 +1,13 @@
-"""Why a fit is raced against fits from other starts, which ones, and for how long: one table, one rule.
+"""Races of a fit against fits from other starts: why, against which, and for how long.
 
-Every race is a successive halving (`successive_halving`).  Before a fit is trusted there may be one at first, while
-it is poor, and one in the end, where the best optimum may yet lie elsewhere or the way was long.
+Before a fit is trusted there may be a race at first, while it is poor, and one in the end, where the best optimum may
+yet lie elsewhere or the way was long.  Every race is a successive halving: many starts are fitted for a few iterations,
+of which the best go on (K. Jamieson and A. Talwalkar, Non-stochastic best arm identification and hyperparameter
+optimization, AISTATS 2016).
 
-Successive halving: many starts fitted for a few iterations, of which the best go on.
-
-K. Jamieson and A. Talwalkar, Non-stochastic best arm identification and hyperparameter optimization, AISTATS 2016.
-
-Restarts from points perturbed around where a fit ended: what lies beyond a discontinuity, or in the next valley.
-
-Each is a step of monotonic basin hopping (R. H. Leary, Journal of Global Optimization 18, 2000): a point is kept
-only where the fit from it ends lower.
+Restarts from points perturbed around where a fit ended look beyond a discontinuity, or into the next valley.  Each is a
+step of monotonic basin hopping (R. H. Leary, Journal of Global Optimization 18, 2000): a point is kept only where the
+fit from it ends lower.
 """
 
 import dataclasses
@@ -20,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...study import Parameter, Study, Values
+from ..covariance import scaled_least_squares
 from ..effort import USUAL, Effort
 from ..evidence import Evidence
 from ..initial_values.search import rank_starts, scatter_starts
@@ -125,7 +123,7 @@ def restarts(
 
 
 def _is_discontinuous(fit: Fit) -> bool:
-    """Many steps were rejected on the way, or the last ones: chi-square is not what its gradient predicts."""
+    """Whether many steps were rejected on the way, or the last ones: chi-square is not what its gradient predicts."""
     # Of its last run alone: the evaluations of a fit are also those of all that it was compared with.
     last = fit.state
     return fit.ending in _DISCONTINUOUS_ENDINGS or int(last.evaluations) - 5 > _DISCONTINUOUS * int(last.iterations)
@@ -146,7 +144,7 @@ def _step_of_errors(fit: Fit, problem: Problem, factor: float, random: np.random
 
 
 def _perturbed(fit: Fit, problem: Problem, step: np.ndarray) -> np.ndarray:
-    """Where the `fit` ended, and a `step` further, within the bounds; no parameter leaves farther than allowed."""
+    """The end of the `fit` and a `step` further, within the bounds; no parameter leaves farther than allowed."""
     step = step / max(1.0, np.max(np.abs(step)) / _LARGEST_PERTURBATION)
     return np.clip(fit.free + step, *problem.bounds)
 
@@ -199,15 +197,15 @@ class Contest:
     excused: Callable[[Fit, Problem], bool] | None = None
     """Whether what a poor fit leaves comes of what is held in it, so that no other start would help; None: never."""
     effort: Effort = USUAL
-    """How many starts are tried."""
+    """Decides how many starts are tried."""
     judged: list[Evidence] = dataclasses.field(default_factory=list)
-    """That of the fit judged last."""
+    """The evidence of the fit judged last."""
 
     def is_poor(self, fit: Fit) -> bool:
-        """A `fit` leaves more than noise, or records contradict each other, and another start may mend it.
+        """Whether a `fit` leaves more than noise or its records contradict each other, and another start may mend it.
 
-        Or those that were not fitted are not predicted.  Nothing is said of them where what is held in the fit is
-        excused, since its errors would count, too.
+        A fit is poor, too, where records that were not fitted are not predicted; not where what is held in the fit may
+        be excused, since its errors would count.
         """
         evidence = self.evidence(fit)
         if evidence.is_poor:
@@ -215,14 +213,14 @@ class Contest:
         return not self.excused and is_refuted(evidence.missed)
 
     def evidence(self, fit: Fit) -> Evidence:
-        """What a `fit` leaves, found once of each."""
+        """The evidence of a `fit`, computed once for each."""
         if not self.judged or self.judged[-1].fit is not fit:
             self.judged[:] = [Evidence(self.problem, fit, self.study)]
         return self.judged[-1]
 
 
 def platform_unobserved(study: Study, problem: Problem) -> bool:
-    """Records depend on the platform, none shows it alone, and the study does not say where its parameters start."""
+    """Whether records depend on the platform, none shows it alone, and the study gives its parameters no starts."""
     piezo = [p for path, p in study.parameters.items() if path.startswith("piezo.") and p.free and p.start is None]
     depends = any(record.measurement.effector_moves for record in problem.records)
     return bool(piezo) and depends and not platform_alone_records(problem.records).any()
@@ -302,7 +300,7 @@ def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dic
     """
     study, problem = contest.study, contest.problem
     platform = platform_alone_records(problem.records).any()
-    known = lambda path: path in problem.residual.apart or (platform and shown_by_platform(path, problem))
+    known = lambda path: path in problem.residual.priors or (platform and shown_by_platform(path, problem))
     held = [path for path in problem.residual.transform.paths if known(path)]
     around = starts | {path: float(number) for path, number in problem.decode(fit.free).items() if path in held}
     loss = problem.residual.loss
@@ -323,12 +321,12 @@ def _without_starts(contest: Contest) -> dict[str, Parameter]:
     They are those that the platform shows and those that were measured apart.
     """
     known = lambda path, p: not p.free or p.standard_error or shown_by_platform(path, contest.problem)
-    listed = contest.study.parameters.items()
-    return {path: p if known(path, p) else dataclasses.replace(p, start=None) for path, p in listed}
+    parameters = contest.study.parameters.items()
+    return {path: p if known(path, p) else dataclasses.replace(p, start=None) for path, p in parameters}
 
 
 def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
-    """The fit was driven into a bound that it did not start from: there may be a better optimum elsewhere.
+    """Whether the fit was driven into a bound that it did not start from: a better optimum may lie elsewhere.
 
     Not where it would gain no more than noise beyond the bound: then the records just do not tell the parameter from
     it, such as a damping from none.
@@ -342,7 +340,5 @@ def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
 def _gain_beyond_bounds(fit: Fit, problem: Problem) -> float:
     """Decrease of chi-square, in units of its reduced value, that the linear model predicts without bounds."""
     jacobian, residual = np.asarray(fit.state.jacobian), np.asarray(fit.state.residual)
-    size = np.linalg.norm(jacobian, axis=0)
-    jacobian = jacobian / np.where(size > 0, size, 1.0)
-    step = np.linalg.lstsq(jacobian, residual, rcond=1e-9)[0]
+    step = scaled_least_squares(jacobian, residual, 1e-9)
     return float(np.sum((jacobian @ step) ** 2) / max(Evidence(problem, fit).reduced_chi2, 1e-300))

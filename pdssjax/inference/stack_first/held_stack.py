@@ -47,7 +47,7 @@ def with_stack_held(study: Study, stack: Mapping[str, float]) -> Study:
 
 
 def rejoined(study: Study, point: Point, accuracy: Accuracy, report: Progress) -> Point:
-    """Where the fit with the stack held has come to, as a point of the whole study.
+    """The point of a fit with the stack held, as a point of the whole study.
 
     Noise that was not given is that found in the second step, and the floor of the platform's records.
     """
@@ -65,7 +65,7 @@ def _with_noise_of(second: Problem, whole: Problem) -> Problem:
 
 
 def sequential(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
-    """The piezo from the platform records; then, with the piezo held, the others from the rest."""
+    """Fit the piezo to the platform records; then, with the piezo held, the other parameters to the rest."""
     platform = platform_alone_records(problem.records)
     free = problem.residual.transform.encode(starts)
     piezo = stack_parameters(problem)
@@ -79,7 +79,7 @@ def sequential(problem: Problem, starts: Values, report: Progress, limit: int = 
 def with_piezo_held(
     problem: Problem, free: Float[np.ndarray, " p"], report: Progress, limit: int = MAX_ITERATIONS
 ) -> Fit:
-    """The other parameters from the records that do not show the platform alone, from the point `free`."""
+    """Fit the other parameters to the records that do not show the platform alone, from the point `free`."""
     platform = platform_alone_records(problem.records)
     piezo = stack_parameters(problem)
     second = fit_phase(problem, free, ~platform, ~piezo, "friction", report, limit)
@@ -91,7 +91,7 @@ def with_piezo_held(
 
 
 def due_to_stack(study: Study, stack: PickedStack, accuracy: Accuracy, fit: Fit, problem: Problem) -> bool:
-    """The walks are explained but for the errors of the `stack` held in this `fit` of a `study`."""
+    """Whether the walks are explained but for the errors of the `stack` held in this `fit` of a `study`."""
     numbers = {**problem.residual.fixed, **problem.decode(fit.free)}
     starts = {path: float(number) for path, number in numbers.items()}
     whole = rejoined(study, Point(fit, problem, starts, 1), accuracy, quiet)
@@ -99,7 +99,7 @@ def due_to_stack(study: Study, stack: PickedStack, accuracy: Accuracy, fit: Fit,
 
 
 def with_stack_freed(fit: Fit, problem: Problem, stack: PickedStack) -> Evidence:
-    """What the walks alone leave with the stack freed, at the end of a fit that held it."""
+    """The evidence of the walks alone with the stack freed, at the end of a fit that held it."""
     paths, platform = problem.residual.transform.paths, platform_alone_records(problem.records)
     rows = np.concatenate(
         [np.arange(r.start, r.stop) for r, alone in zip(problem.rows, platform, strict=True) if not alone]

@@ -31,7 +31,7 @@ VISIBLE = 5.0
 """Distance of an extreme from the final value, over the noise, from which it is read."""
 
 _SWING = 12.0
-"""The same from one extreme to the next: the extremes of noise alone come to 6."""
+"""Distance from one extreme to the next, over the noise, from which both are read: noise alone comes to 6."""
 
 _FADED = 2e-3
 """Distance from the final value, over that, below which an extreme no longer tells anything."""
@@ -49,7 +49,7 @@ PATHS = ("piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio")
 """Paths of the parameters that peaks determine, in this order."""
 
 _BETWEEN = ("amplifier.", "sensor.", "drive.rise_time")
-"""How paths begin of what delays, bends or smoothes a step."""
+"""Beginnings of the paths of what delays, bends or smoothes a step."""
 
 
 class StepRecord(NamedTuple):
@@ -77,13 +77,13 @@ class PickedStack:
     read: Float[np.ndarray, "3"]
     """The numbers by the peaks alone [SI], in the order of `PATHS`."""
     records: tuple[StepRecord, ...]
-    apart: dict[str, tuple[float, float]]
+    priors: dict[str, tuple[float, float]]
     """Numbers measured apart: number and standard error [SI] by path, of `PATHS`."""
 
     @property
     def values(self) -> dict[str, float]:
-        """Numbers [SI] by path: `PATHS`."""
-        values = np.exp(self._combined[0]) if self.apart else self.read
+        """Numbers [SI] by path of `PATHS`, those measured apart combined with the peaks."""
+        values = np.exp(self._combined[0]) if self.priors else self.read
         return dict(zip(PATHS, map(float, values), strict=True))
 
     @property
@@ -95,7 +95,7 @@ class PickedStack:
     def _combined(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
         """Logarithms and their covariance: peaks and what was measured apart, by least squares."""
         logarithms, covariance = np.log(self.read), simulated_covariance(self.read, self.records)
-        for path, (number, error) in self.apart.items():
+        for path, (number, error) in self.priors.items():
             place = PATHS.index(path)
             gain = covariance[:, place] / (covariance[place, place] + (error / number) ** 2)
             logarithms = logarithms + gain * (np.log(number) - logarithms[place])
@@ -122,8 +122,8 @@ def pick_peaks(study: Study) -> PickedStack:
     read = tuple(_read(record, where) for record in steps)
     values = _mean([_picked(step) for step in read])
     declared = {path: study.parameters[path] for path in PATHS if path in study.parameters}
-    apart = {path: told for path, parameter in declared.items() if (told := parameter.measured_apart) is not None}
-    stack = PickedStack(values, read, apart)
+    priors = {path: prior for path, parameter in declared.items() if (prior := parameter.measured_apart) is not None}
+    stack = PickedStack(values, read, priors)
     for path, number in stack.values.items():
         _check_bounds(study, path, number, where)
     return stack
@@ -151,7 +151,7 @@ def _check_models(study: Study, where: str) -> None:
 
 
 def _check_between(study: Study, steps: Sequence[Record], where: str) -> None:
-    """Nothing lies between the step that is commanded and what is seen of it, but for what is 0."""
+    """Refuse what lies between the step that is commanded and its measurement, unless it is 0."""
     conditions = {"", *(condition for record in steps for condition in record.conditions)}
     between = [
         path
@@ -207,7 +207,7 @@ def _read(record: Record, where: str) -> StepRecord:
 
 
 def _with_peaks(step: StepRecord, where: str) -> StepRecord:
-    """The same with as many peaks as stand out, and without what comes after them.
+    """The step with as many peaks as stand out, and without what comes after them.
 
     **Raises:** `InputError` where fewer than two do.
     """
@@ -234,8 +234,8 @@ def _with_peaks(step: StepRecord, where: str) -> StepRecord:
     away = np.abs(found.heights[:peaks] / system.final - 1.0)
     kept = (away > VISIBLE * step.noise / float(system.final)) & (away > _FADED)
     peaks = max(int(np.sum(np.cumprod(kept))), 2)
-    seen = step.time <= found.times[peaks - 1] + APART * half
-    return step._replace(time=step.time[seen], height=step.height[seen], peaks=peaks)
+    used = step.time <= found.times[peaks - 1] + APART * half
+    return step._replace(time=step.time[used], height=step.height[used], peaks=peaks)
 
 
 def _refuse(step: StepRecord, where: str, ringing: bool) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 from jax.scipy.special import log_ndtr, ndtri
 from jaxtyping import Array, Float, Int
 
+from ..parameter_transform import Box
 from .second_order import Linearisation
 
 _AT = 1e-3
@@ -75,7 +76,7 @@ def at_bounds(
     optimum: Linearisation,
     axes: Float[np.ndarray, "p q"],
     moving: Int[np.ndarray, " q"],
-    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+    bounds: Box,
     factor: float,
     prior_slopes: Float[np.ndarray, " p"],
 ) -> AtBounds:
@@ -99,7 +100,7 @@ def at_bounds(
 
 
 def _rates(slopes: Float[np.ndarray, " k"], roots: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """1 over the mean of each, from g and the root of h."""
+    """The rates rho of the exponentials, from g and the root of h."""
     from scipy.special import erfcx
 
     steep = np.clip(slopes / roots, -_STEEP, _STEEP)

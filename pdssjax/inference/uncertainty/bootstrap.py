@@ -64,7 +64,7 @@ def bootstrap(
     centre = _Centre(np.asarray(fit.free, float), np.asarray(fit.state.residual), factors)
     work = functools.partial(fitted_replicate, problem, centre, run, drawing.resampled, drawing.seed)
     for _, replicate in each_done(work, missing, executor):
-        drawing.store.keep(_document(replicate))
+        drawing.store.keep(replicate._asdict() | {"free": replicate.free.tolist()})
         found[replicate.number] = replicate
         report(f"bootstrap: {len(found)} of {count} replicates")
     return [found[number] for number in range(count)]
@@ -85,8 +85,8 @@ def fitted_replicate(
 ) -> Replicate:
     """The fit to the data of replicate `number`."""
     random = np.random.default_rng([seed, number])
-    data = redrawn(problem, centre, resampled, random), apart_redrawn(problem, centre, random)
-    drawn = eqx.tree_at(lambda r: (r.comparison.measured, r.comparison.apart), problem.residual, data)
+    data = redrawn(problem, centre, resampled, random), priors_redrawn(problem, centre, random)
+    drawn = eqx.tree_at(lambda r: (r.comparison.measured, r.comparison.priors), problem.residual, data)
     fit = run(problem._replace(residual=drawn), problem.decode(centre.free), quiet)
     return Replicate(number, np.asarray(fit.free, float), bool(fit.success and np.isfinite(fit.chi2)), fit.message)
 
@@ -109,12 +109,12 @@ def redrawn(
     return tuple(measured)
 
 
-def apart_redrawn(problem: Problem, centre: _Centre, random: np.random.Generator) -> dict[str, Float[np.ndarray, "2"]]:
-    """New numbers of what was measured apart, with the same standard errors."""
+def priors_redrawn(problem: Problem, centre: _Centre, random: np.random.Generator) -> dict[str, Float[np.ndarray, "2"]]:
+    """New numbers of the parameters measured apart, with the same standard errors."""
     left = centre.residual[problem.rows_apart]
     return {
         path: np.array([number + error * (off - random.standard_normal()), error])
-        for (path, (number, error)), off in zip(problem.residual.comparison.apart.items(), left, strict=True)
+        for (path, (number, error)), off in zip(problem.residual.comparison.priors.items(), left, strict=True)
     }
 
 
@@ -153,15 +153,6 @@ def cycles_redrawn(
     deviations = (cycles - mean) * np.sqrt(whole / (whole - 1.0))
     drawn = deviations[random.integers(whole, size=len(every))]
     return (mean + drawn).ravel()[places]
-
-
-def _document(replicate: Replicate) -> Document:
-    return {
-        "number": replicate.number,
-        "free": replicate.free.tolist(),
-        "success": replicate.success,
-        "message": replicate.message,
-    }
 
 
 def _from_document(entry: Document, size: int) -> Replicate:

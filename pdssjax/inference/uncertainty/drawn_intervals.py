@@ -1,12 +1,9 @@
-"""Puts intervals by drawing, of a bootstrap or a posterior, into an estimate.
+"""Intervals by drawing, of a bootstrap or a posterior, in an estimate.
 
-A posterior is drawn on the scale of the fit, but in values where zero is near.
-
-The coordinates in which a posterior is drawn: the scale of the fit, but values where zero is near.
-
-Where a damping may be zero its logarithm goes to minus infinity, and the likelihood with it to what it is at zero: no
-polynomial follows that, and at an optimum at zero residuals have no derivative by it.  By the value itself, in standard
-errors, they are as smooth as they are elsewhere.
+A posterior is drawn on the scale of the fit, but in values where zero is near.  Where a damping may be zero its
+logarithm goes to minus infinity, and the likelihood with it to what it is at zero: no polynomial follows that, and at
+an optimum at zero residuals have no derivative by it.  By the value itself, in standard errors, they are as smooth as
+they are elsewhere.
 """
 
 import dataclasses
@@ -26,6 +23,7 @@ from ..draws import Drawing
 from ..evidence import Evidence
 from ..least_squares import Fit, FitMethod, Progress
 from ..notes.about_records import about_better_optimum
+from ..parameter_transform import Box
 from ..problem import Problem
 from .bootstrap import Replicate, bootstrap, phases_of
 from .end_search import Verdict
@@ -33,7 +31,7 @@ from .linear_intervals import NORMAL_95, half_width_95, row_factors
 from .no_u_turn import sample_by_trajectories
 from .posterior import Chains, sample_posterior
 from .posterior_model import BEYOND, LikelihoodEnd, posterior_model, principal_axes
-from .profile_likelihood import Box, Evaluate
+from .profile_likelihood import Evaluate
 from .randomize_then_optimize import NothingToDraw
 from .second_order import Linearisation, linearisation_at
 
@@ -64,7 +62,7 @@ class PosteriorCoordinates(eqx.Module):
         """dx/dy."""
         return jnp.where(self.by_value, 1.0 / jnp.where(self.by_value, y, 1.0), 1.0)
 
-    def bounds(self, bounds: Box) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+    def bounds(self, bounds: Box) -> Box:
         """The bounds on y that correspond to `bounds` on x."""
         low, high = bounds
         return self.of_fit(np.asarray(low, float)), self.of_fit(np.asarray(high, float))
@@ -76,10 +74,10 @@ class PosteriorCoordinates(eqx.Module):
 
 
 class InCoordinates(eqx.Module):
-    """Residuals and their Jacobian by y."""
+    """Residuals and their Jacobian as functions of y."""
 
     evaluate: Evaluate
-    """The same by x."""
+    """Residuals and their Jacobian as functions of x."""
     coordinates: PosteriorCoordinates
 
     def __call__(self, y: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
@@ -107,6 +105,7 @@ def posterior_coordinates(
 
 
 TAILS = 0.025, 0.975
+"""Shares of the draws below the ends of a 95 % interval."""
 
 FEWEST_DRAWS = 100
 """Draws below which the ends of a 95 % interval rest on too few of them."""
@@ -115,7 +114,7 @@ LARGEST_RHAT = 1.01
 """Largest R-hat of chains that agree (Vehtari and others 2021)."""
 
 FEWEST_EFFECTIVE = 400
-"""Effective draws from which the ends of an interval may be trusted (the same)."""
+"""Effective draws from which the ends of an interval may be trusted (Vehtari and others 2021)."""
 
 FEW_ACCEPTED = 0.3
 """Share of the draws proposed for a posterior below which its chains move little."""
@@ -127,10 +126,10 @@ FEW_BEYOND = 0.2
 """Share of the draws expected beyond an end below which a tail of the posterior is missing."""
 
 _ENLARGED = 1.005
-"""Factor of the variance from which it is said."""
+"""Factor of the variance from which the description states it."""
 
 _WIDER = 1.01
-"""Ratio of Student's t to a normal quantile from which it is said."""
+"""Ratio of Student's t to a normal quantile from which the description states it."""
 
 MANY_FAILED = 0.05
 """Share of replicates that may fail before the intervals no longer stand for all of them."""
@@ -218,7 +217,8 @@ def with_posterior(
         chains = sampler.sample(model, drawing, executor, report)
     except NothingToDraw as error:
         return dataclasses.replace(estimate, notes=(*estimate.notes, f"No posterior, intervals are linear: {error}"))
-    values = transform.in_si(transform.own(np.asarray(coordinates.to_fit(chains.free))))
+    in_si = lambda y: transform.in_si(transform.own(np.asarray(coordinates.to_fit(y))))
+    values = in_si(chains.free)
     held = [path for path, moves in zip(estimate.names, moving, strict=True) if not moves]
     draws = Draws(
         kind="posterior",
@@ -234,9 +234,7 @@ def with_posterior(
     about = [*_about_chains(draws), *_about_proposals(draws, sampler.fewest)]
     about += about_tails(draws.parameters, chains.free, model.ends)
     about += about_endless(estimate.names, model.ends, model.logarithmic)
-    about += about_better_optima(
-        estimate.names, model.ends, lambda y: transform.in_si(transform.own(np.asarray(coordinates.to_fit(y))))
-    )
+    about += about_better_optima(estimate.names, model.ends, in_si)
     return with_draws(estimate, draws, [*estimate.notes, *about], transform.logarithmic)
 
 
@@ -258,8 +256,8 @@ def summary_of_chains(
 
 
 def _density_in_words(problem: Problem, factor: float, held: list[str]) -> str:
-    apart = ", ".join(problem.residual.apart)
-    text = f"flat priors on the values{f' but normal ones on those measured apart ({apart})' if apart else ''}"
+    priors = ", ".join(problem.residual.priors)
+    text = f"flat priors on the values{f' but normal ones on those measured apart ({priors})' if priors else ''}"
     text += ", zeros of the sensors marginalised, noise known"
     if factor > _ENLARGED:
         text += f" and its variance enlarged by {factor:.3g}"
@@ -379,7 +377,7 @@ def with_draws(estimate: Estimate, draws: Draws, notes: list[str], logarithmic: 
         found = parameters[drawn.path]
         if found.identifiable:
             wider = float(half_width_95(found.degrees_of_freedom)) / NORMAL_95
-            low, high = (_farther(end, wider, found, bool(by_logarithm)) for end in drawn.percentile)
+            low, high = (_widened(end, wider, found, bool(by_logarithm)) for end in drawn.percentile)
             parameters[drawn.path], most = dataclasses.replace(found, interval=(low, high)), max(most, wider)
     if most > _WIDER:
         more = f"up to {percent(most - 1.0, 1.0)} farther out than 95 % of the draws"
@@ -389,8 +387,8 @@ def with_draws(estimate: Estimate, draws: Draws, notes: list[str], logarithmic: 
     return dataclasses.replace(estimate, parameters=parameters, draws=draws, notes=tuple(notes))
 
 
-def _farther(end: float, wider: float, found: FittedParameter, by_logarithm: bool) -> float:
-    """An `end` so many times as far from the estimate on the scale of the fit, but not beyond a bound."""
+def _widened(end: float, wider: float, found: FittedParameter, by_logarithm: bool) -> float:
+    """An `end` that lies `wider` times as far from the estimate on the scale of the fit, but not beyond a bound."""
     if wider == 1.0:
         return end
     if by_logarithm and found.value > 0.0:

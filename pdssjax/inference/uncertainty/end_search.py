@@ -1,13 +1,12 @@
-"""The search for one end of a likelihood interval, asking for one linearisation at a time.
+"""The search for one end of a likelihood interval, which requests one linearisation at a time.
 
 At the current point the end of a model of second order, whose residuals may bend (`second_order`), is the next point.
 Where steps vanish the gradient has no component but the parameter's own, and chi-square is the threshold's, whatever
-the model left out.  What bends is told by what all searches share, or learned on the way by one alone.
+the model left out.
 
-How residuals bend, learned by all searches for ends of intervals together.
-
-A polynomial of third order (`residual_polynomial`) is learned from every linearisation that any of them has asked for,
-as soon as there are enough to determine it.  Before that there is the curvature at the optimum, from probes.
+All searches share what is known of the curvature: a polynomial of third order (`residual_polynomial`), learned from
+every linearisation that any of them has requested as soon as these determine it; before that the curvature at the
+optimum, from probes.  Where neither follows the residuals a search learns the curvature where it is.
 """
 
 import enum
@@ -17,30 +16,30 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..parameter_transform import Box
 from .quadratic_end import Aim, best_of_others, factors, follow, parabola
 from .residual_polynomial import SampledPolynomial, count_points, learned_polynomial
-from .second_order import Curvature, Linearisation, SecondOrder, learned
+from .second_order import Curvature, Linearisation, SecondOrder, learned_curvature
 
 PROBED = 0.05
-"""How far from the point its curvature is probed, in half widths of the linear intervals."""
+"""Distance from a point at which its curvature is probed, in half widths of the linear intervals."""
 
 
 def standard_errors(
     optimum: Linearisation, threshold: float | Float[np.ndarray, " p"], reach: float
 ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-    """Half widths of the linear intervals, none longer than can be followed; and a scale: J scale is orthonormal.
+    """Half widths of the linear intervals, none longer than `reach`; and a scale: J scale is orthonormal.
 
-    The `threshold` is that of all parameters, or one each.
-    What changes nothing as far as it can be followed has an axis of its own, as long as that: together with others,
-    which singular vectors of equal values would mix it with, it would shorten theirs.
+    The `threshold` is that of all parameters, or one each.  A parameter that changes nothing within the reach has an
+    axis of its own, as long as that: singular vectors of equal values would mix it with others and shorten theirs.
     """
-    told = reach * np.linalg.norm(optimum.jacobian, axis=0) > np.sqrt(threshold)
-    scale = np.diag(np.where(told, 0.0, reach))
-    if told.any():
-        _, singular, rows, norms = factors(optimum.jacobian[:, told])
+    determined = reach * np.linalg.norm(optimum.jacobian, axis=0) > np.sqrt(threshold)
+    scale = np.diag(np.where(determined, 0.0, reach))
+    if determined.any():
+        _, singular, rows, norms = factors(optimum.jacobian[:, determined])
         axes = (rows / singular[:, None]).T / norms[:, None]
         axes = axes * np.minimum(1.0, reach / np.maximum(np.max(np.abs(axes), axis=0), 1e-300))
-        scale[np.ix_(told, np.flatnonzero(told)[: singular.size])] = axes
+        scale[np.ix_(determined, np.flatnonzero(determined)[: singular.size])] = axes
     return np.minimum(np.linalg.norm(scale, axis=1) * np.sqrt(threshold), reach), scale
 
 
@@ -48,7 +47,7 @@ def probe_places(
     at: Float[np.ndarray, " p"],
     sizes: Float[np.ndarray, " p"],
     scale: Float[np.ndarray, "p p"],
-    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+    bounds: Box,
 ) -> list[Float[np.ndarray, " p"]]:
     """A place a parameter: each goes a little along the valley in which that one would leave the point."""
     places = []
@@ -61,11 +60,11 @@ def probe_places(
 
 
 _GROWTH = 1.1
-"""So many times as many points as last time, and the polynomial is learned anew: it may take longer than they do."""
+"""Growth of the number of points after which the polynomial is learned again, which may take longer than they do."""
 
 
 class SharedCurvature:
-    """Around an `optimum`, by `probes` near it.
+    """The curvature that all searches around an `optimum` share, from `probes` near it on.
 
     **Arguments:** the `scale` in which the Jacobian's columns are orthonormal; the `factor` by which variances exceed
     those of the noise given.
@@ -79,17 +78,17 @@ class SharedCurvature:
         factor: float = 1.0,
     ):
         self.optimum, self.scale, self.factor = optimum, scale, factor
-        self.at_optimum = learned(optimum, probes, scale)
+        self.at_optimum = learned_curvature(optimum, probes, scale)
         self.points: list[Linearisation] = list(probes)
         # Without probes some directions may have been seen by none: only what is learned on the way counts.
         self.learns = bool(probes)
         self.polynomial: SampledPolynomial | None = None
         self.due = count_points(optimum.at.size)
-        """How many linearisations the polynomial is learned of next time, the optimum's among them."""
+        """Number of linearisations, the optimum's among them, from which the polynomial is learned next."""
 
     @property
     def known(self) -> bool:
-        """There is a polynomial."""
+        """Whether there is a polynomial."""
         return self.polynomial is not None
 
     def learn(self, points: Sequence[Linearisation]) -> None:
@@ -104,29 +103,29 @@ class SharedCurvature:
         return None if self.polynomial is None else self.polynomial.curvature(place, self.scale)
 
 
-Asking = Generator[Float[np.ndarray, " p"], Linearisation, "End"]
-"""Yields where to linearise next, and is sent what was found there."""
+PointRequests = Generator[Float[np.ndarray, " p"], Linearisation, "End"]
+"""A generator that yields the next point to linearise at, is sent the linearisation, and returns the end."""
 
 MOST_EVALUATIONS = 60
-"""For one end."""
+"""Evaluations for one end at most."""
 
 _GAINED = 2e-3
-"""Share of the threshold that the others may still gain at an end: so little is foretold to a tenth of it."""
+"""Share of the threshold that the others may still gain at an end: so little is predicted to a tenth of it."""
 
 _MISSED = 5e-3
 """Share of the threshold by which the profile may miss it at the last point: its slope then tells the end."""
 
 _KINKED = 2e-2
-"""What may be missed and gained where chi-square has kinks: one per cent of the half width."""
+"""Share of the threshold that may be missed and gained where chi-square has kinks: one per cent of the half width."""
 
 _TRUSTED = 0.1, 1.0
 """Least and largest first radius of trust, in half widths of the linear interval."""
 
 _ANEW = 0.3
-"""The same where curvature has just been learned anew."""
+"""Least radius of trust where the curvature has just been learned anew."""
 
 _OFF = 5.0
-"""How far above the target, in thresholds, a point may lie from which the way is known by what all searches share."""
+"""Thresholds above the target that a point may lie where the shared polynomial tells the way from it."""
 
 _SMALLEST = 1e-3
 """Radius below which chi-square does not follow its model: it has a discontinuity there."""
@@ -174,15 +173,15 @@ class EndSearch:
         self.learned_for: Linearisation | None = None
         self.nearest = np.inf, optimum
 
-    def run(self) -> Asking:
+    def run(self) -> PointRequests:
         """Follow the models' ends until they stay where they are."""
         point, model = self.optimum, self._model(self.optimum)
         radius = self._first_radius(model)
         while self.evaluations < MOST_EVALUATIONS:
             step = follow(model, self.aim.shifted(point.at, radius))
             found, length = (yield from self._linearised(point.at + step)), self._length(step)
-            foretold = float(np.sum(model(step)[0] ** 2))
-            missed = abs(found.chi2 - foretold) / (abs(foretold - point.chi2) + self.threshold)
+            predicted = float(np.sum(model(step)[0] ** 2))
+            missed = abs(found.chi2 - predicted) / (abs(predicted - point.chi2) + self.threshold)
             # Off the valley by little: the next step comes back to it.
             off = (found.chi2 - max(point.chi2, self.aim.target)) / self.threshold
             if (missed < 0.5 and off < 1.0) or (off < _OFF and self.shared.known and not self.alone):
@@ -201,8 +200,8 @@ class EndSearch:
                 impatient = radius < _SMALLEST
                 if impatient and self.learned_for is point:
                     break
-                if not self.shared.known and self._misled(point, step, found.chi2, foretold):
-                    self.local = learned(point, [], self.local.scale)
+                if not self.shared.known and self._misled(point, step, found.chi2, predicted):
+                    self.local = learned_curvature(point, [], self.local.scale)
                 model = self._model(point)
             if impatient:
                 yield from self._learn_anew(point)
@@ -224,10 +223,10 @@ class EndSearch:
         shared = None if self.alone else self.shared.at(point.at)
         return SecondOrder(point, self.local if shared is None else shared)
 
-    def _misled(self, point: Linearisation, step: Float[np.ndarray, " p"], found: float, foretold: float) -> bool:
+    def _misled(self, point: Linearisation, step: Float[np.ndarray, " p"], found: float, predicted: float) -> bool:
         """Whether what passes for curvature is none (a kink near the optimum does)."""
-        plain = float(np.sum((point.residual + point.jacobian @ step) ** 2))
-        return bool(np.isfinite(found) and abs(found - plain) < abs(found - foretold))
+        linear = float(np.sum((point.residual + point.jacobian @ step) ** 2))
+        return bool(np.isfinite(found) and abs(found - linear) < abs(found - predicted))
 
     def _learn_anew(self, point: Linearisation) -> Generator[Float[np.ndarray, " p"], Linearisation, None]:
         """The curvature at a point far from the optimum."""
@@ -235,7 +234,7 @@ class EndSearch:
         for place in probe_places(point.at, self.aim.sizes, self.local.scale, (self.aim.low, self.aim.high)):
             found = yield from self._linearised(place)
             probes.append(found)
-        self.alone, self.local = True, learned(point, probes, self.local.scale)
+        self.alone, self.local = True, learned_curvature(point, probes, self.local.scale)
         self.learned_at, self.learned_for = self.evaluations, point
 
     def _ended(self, point: Linearisation, model: SecondOrder) -> End | None:
@@ -263,13 +262,13 @@ class EndSearch:
 
         By the model or by a linear one, whichever says more: curvature may be wrong, where the gradient is not.
         """
-        found = []
+        gains = []
         for each in (model, model.straight()):
-            touching = parabola(each, np.zeros(point.at.size))
-            step = best_of_others(touching, point.at, self.aim)
-            rest = touching.residual + touching.jacobian @ step
-            found.append((point.chi2 - touching(step), 2.0 * float(touching.jacobian[:, self.aim.index] @ rest)))
-        return max(found)
+            tangent = parabola(each, np.zeros(point.at.size))
+            step = best_of_others(tangent, point.at, self.aim)
+            rest = tangent.residual + tangent.jacobian @ step
+            gains.append((point.chi2 - tangent(step), 2.0 * float(tangent.jacobian[:, self.aim.index] @ rest)))
+        return max(gains)
 
     def _given_up(self) -> End:
         """The nearest point to an end, where chi-square has kinks that no model knows."""

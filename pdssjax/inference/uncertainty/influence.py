@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..covariance import NO_INFORMATION
+from ..parameter_transform import Box
 
 LEAST_CURVATURE, MOST_CURVATURE = 0.2, 5.0
 """Least and most curvature of the sum of squares that is believed, as a share of that of J' J; beyond, the picture is
@@ -51,7 +52,7 @@ def curvature_of(
     jacobian: Float[np.ndarray, "n p"],
     directions: Float[np.ndarray, "p k"],
     groups: Sequence[slice],
-    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+    bounds: Box,
 ) -> list[Float[np.ndarray, "p k"]]:
     """S along `directions`, of each group of samples, by differences of the Jacobian.
 
@@ -77,7 +78,7 @@ def _inside(
     free: Float[np.ndarray, " p"],
     direction: Float[np.ndarray, " p"],
     step: float,
-    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+    bounds: Box,
 ) -> float:
     """`step`, or the other way, or a shorter one, so that no bound is crossed; tiny where every one crosses one."""
     for _ in range(40):

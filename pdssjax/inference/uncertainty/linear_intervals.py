@@ -57,9 +57,9 @@ def record_factors(problem: Problem, factor: float) -> Float[np.ndarray, " recor
 
 
 def row_factors(problem: Problem, factor: float) -> Float[np.ndarray, " n"]:
-    """The same for all residuals; what was measured apart has the error given, whatever the samples are off by."""
+    """The factors of all residuals; what was measured apart has the error given, whatever the samples are off by."""
     sizes = [record.time.size for record in problem.records]
-    return np.append(np.repeat(record_factors(problem, factor), sizes), np.ones(len(problem.residual.apart)))
+    return np.append(np.repeat(record_factors(problem, factor), sizes), np.ones(len(problem.residual.priors)))
 
 
 def linear_intervals(
@@ -69,7 +69,7 @@ def linear_intervals(
     free: ParameterTransform,
     bounds: Mapping[str, tuple[float, float]],
 ) -> dict[str, tuple[float, float]]:
-    """By path the interval [SI] around the point `at`, NaN where the `deviation` is; both on the fit's scale.
+    """The interval [SI] around the point `at`, by path, NaN where the `deviation` is; both on the fit's scale.
 
     It has the width of Student's t by the degrees of `freedom` of the noise that a deviation rests on.
 

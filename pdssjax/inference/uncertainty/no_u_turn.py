@@ -1,8 +1,8 @@
 """Draws of a posterior by the No-U-Turn sampler of NumPyro, of the model itself.
 
 A sampler of this kind (M. D. Hoffman and A. Gelman, J. Machine Learning Research 15, 2014) wants a density that is as
-wide in every direction and not bent, and that of a fit is a narrow bent valley.  So it moves in the coordinates of
-`transported_density`, in which a few steps lead from one end of the posterior to the other.
+wide in every direction and not bent, and that of a fit is a narrow bent valley.  So it moves in
+coordinates e in which a few steps lead from one end of the posterior to the other.
 
 Where the polynomial behind these folds over trajectories end, and beside a fold, where the density of the coordinates
 has a spike, their steps are too long to leave it.  So two moves come before each trajectory, which the model accepts
@@ -10,7 +10,7 @@ or not: a proposal of `randomize_then_optimize`, which reaches beyond folds and 
 step along the gradient (G. O. Roberts and R. L. Tweedie, Bernoulli 2(4), 1996), of a length drawn anew every time.
 Each move leaves the posterior as it is, and so does one after the other.
 
-A posterior's density in coordinates in which it is nearly a standard normal distribution.
+The coordinates e, in which the posterior is nearly a standard normal distribution:
 
     Q' r^(x0 + A w) = sqrt(v) e,        density of e:    p(x) exp(-|r(x)|^2 / (2 v)) |det dx/de|
 
@@ -33,12 +33,11 @@ from jaxtyping import Array, Bool, Float, Int
 from ...core import Document, Scalar
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
 from ..least_squares import Progress
-from .at_bounds import AtBounds
 from .posterior import BLOCK, TO_JUDGE, Chains
 from .posterior_learning import learn
 from .posterior_model import Model
 from .profile_likelihood import Evaluate
-from .randomize_then_optimize import Equation, NothingToDraw, Widths, log_proposed, randomized_equation
+from .randomize_then_optimize import NothingToDraw, RandomizedResiduals, Widths, log_proposed
 from .residual_polynomial import ResidualPolynomial
 
 
@@ -48,35 +47,22 @@ class Place(NamedTuple):
     w: Float[Array, " q"]
     volume: Scalar
     """log |det du/dw| of the polynomial."""
-    pull: Float[Array, " q"]
+    volume_slope: Float[Array, " q"]
     """The derivatives of `volume` by w."""
     slopes: Float[Array, "q q"]
     """du/dw."""
     solved: Bool[Array, ""]
 
 
-class TransportMap(eqx.Module):
-    """The map from e to w, and its inverse."""
-
-    polynomial: ResidualPolynomial
-    axes: Float[np.ndarray, "p q"]
-    held: AtBounds
-    variance: float
-
-    def equation(self) -> Equation:
-        """The equation whose u is sqrt(v) e."""
-        return randomized_equation(self.polynomial, self.axes, self.held, self.variance)
-
-    def at(self, w: Float[Array | np.ndarray, " q"]) -> Float[Array, " p"]:
-        """x0 + A w."""
-        return jnp.asarray(self.polynomial.centre) + self.axes @ jnp.asarray(w)
+class TransportMap(RandomizedResiduals):
+    """The map from e to w, and its inverse, by the equation whose u is sqrt(v) e."""
 
     @eqx.filter_jit
     def place(self, e: Float[Array, " q"]) -> Place:
         equation = self.equation()
         w, volume, solved = equation.solve(jnp.sqrt(self.variance) * e)
-        pull = jax.grad(lambda w: jnp.linalg.slogdet(equation.slopes(w))[1])(w)
-        return Place(w, volume, pull, equation.slopes(w), solved)
+        volume_slope = jax.grad(lambda w: jnp.linalg.slogdet(equation.slopes(w))[1])(w)
+        return Place(w, volume, volume_slope, equation.slopes(w), solved)
 
     @eqx.filter_jit
     def back(self, w: Float[Array | np.ndarray, " q"]) -> tuple[Float[Array, " q"], Bool[Array, ""]]:
@@ -101,7 +87,7 @@ class TransportedDensity(eqx.Module):
         x = self.map.at(place.w)
         residual, jacobian = self.evaluate(x)
         value = 0.5 * jnp.sum(residual**2) / variance + place.volume - self.slopes @ (x - self.map.polynomial.centre)
-        by_w = self.map.axes.T @ (jacobian.T @ residual / variance - self.slopes) + place.pull
+        by_w = self.map.axes.T @ (jacobian.T @ residual / variance - self.slopes) + place.volume_slope
         slope = jnp.sqrt(variance) * jnp.linalg.solve(place.slopes.T, by_w)
         there = place.solved & jnp.all((x >= self.low) & (x <= self.high)) & jnp.isfinite(value)
         there &= jnp.all(jnp.isfinite(slope))
@@ -127,7 +113,7 @@ _DEEPEST = 8
 """Doublings of a trajectory, at most."""
 
 _BEGIN = Widths(solved=(1.2,), linear=1.0, share=0.0)
-"""Where chains begin."""
+"""Widths of the mixture that chains begin in."""
 
 _CANDIDATES = 20
 """Candidates for a chain's start: the first one that the model can be simulated at is taken."""
@@ -165,14 +151,13 @@ def sample_by_trajectories(
     with reading(drawing.store, "draws of the chains"):
         kept = {_task_of(entry, model.axes.shape): entry for entry in drawing.store.kept()}
     if any((chain, block) not in kept for chain in range(chains) for block in blocks):
-        learned = learn(model, drawing.seed, executor, report)
-        target = transported(model, learned)
+        target = transported(model, learn(model, drawing.seed, executor, report))
         report("posterior: compiling the sampler")
         sampler = _sampler(target)
         done = 0
         for block in blocks:
             due = [chain for chain in range(chains) if (chain, block) not in kept]
-            work = functools.partial(_block, learned, target, sampler, model, drawing.seed, block, kept)
+            work = functools.partial(_block, target, sampler, model, drawing.seed, block, kept)
             for chain, entry in each_done(work, due, executor):
                 drawing.store.keep(entry)
                 kept[chain, block] = entry
@@ -234,7 +219,6 @@ def _sampler(target: TransportedDensity) -> _Sampler:
 
 
 def _block(
-    learned: ResidualPolynomial,
     target: TransportedDensity,
     sampler: _Sampler,
     model: Model,
@@ -246,21 +230,19 @@ def _block(
     """A block of draws of a chain, or what is learned before the first of them, as plain data."""
     task = {"chain": chain, "block": block}
     if block == _WARM:
-        return task | _warmed_up(learned, target, sampler, model, seed, chain)
+        return task | _warmed_up(target, sampler, model, seed, chain)
     random = stream(seed, "move", chain, block)
     begin, step_size = kept[chain, block - 1]["end"], kept[chain, _WARM]["step_size"]
-    going = _Chain(learned, target, sampler, model, step_size, random, np.array(begin, float))
-    proposals = model.proposals(learned, TO_JUDGE, BLOCK, stream(seed, "propose", chain, block))
+    going = _Chain(target, sampler, model, step_size, random, np.array(begin, float))
+    proposals = model.proposals(target.map.polynomial, TO_JUDGE, BLOCK, stream(seed, "propose", chain, block))
     draws = [going.next(*proposed) for proposed in zip(proposals.free, proposals.log_proposed, strict=True)]
     return task | {name: [draw[name] for draw in draws] for name in draws[0]} | {"end": going.w.tolist()}
 
 
-def _warmed_up(
-    learned: ResidualPolynomial, target: TransportedDensity, sampler: _Sampler, model: Model, seed: int, chain: int
-) -> Document:
-    """Where a chain begins, and the length of its steps."""
+def _warmed_up(target: TransportedDensity, sampler: _Sampler, model: Model, seed: int, chain: int) -> Document:
+    """The start of a chain, and the length of its steps."""
     random = stream(seed, "warm up", chain)
-    places = model.proposals(learned, _BEGIN, _CANDIDATES, random).free
+    places = model.proposals(target.map.polynomial, _BEGIN, _CANDIDATES, random).free
     key = _key(random)
     states = (sampler.begin(target.map.back(w)[0], key) for w in model.along_axes(places))
     state = next((state for state in states if np.isfinite(state.potential_energy)), None)
@@ -280,11 +262,10 @@ def _key(random: np.random.Generator) -> Any:
 
 
 class _Chain:
-    """Where a chain is; it moves by a proposal, a short step and a trajectory in turn."""
+    """A chain, which moves by a proposal, a short step and a trajectory in turn."""
 
     def __init__(
         self,
-        learned: ResidualPolynomial,
         target: TransportedDensity,
         sampler: _Sampler,
         model: Model,
@@ -293,16 +274,16 @@ class _Chain:
         w: Float[np.ndarray, " q"],
     ):
         self._target, self._sampler, self._model = target, sampler, model
-        self._random, self._mixture = random, model.mixture(learned, TO_JUDGE)
+        self._random, self._mixture = random, model.mixture(target.map.polynomial, TO_JUDGE)
         state = sampler.begin(jnp.zeros(w.size), _key(random), step_size)
         # What is learned of the length of a step ends with the warm-up.
         self._state = state._replace(i=jnp.full_like(state.i, WARM_UP))
         self._be_at(w, self._log_density(w))
 
     def next(self, proposed: Float[np.ndarray, " p"], log_proposed: float) -> Document:
-        """The next draw, and what is known of its trajectory; none where the chain is beyond a fold.
+        """The next draw, with the statistics of its trajectory; there is none where the chain is beyond a fold.
 
-        **Arguments:** a draw of what was learned, and how probable it is there.
+        **Arguments:** a draw that the polynomial proposes, and the logarithm of its density there.
         """
         self._judge(self._model.along_axes(proposed), log_proposed)
         steps, acceptance, diverging = 0, 0.0, False
@@ -314,8 +295,8 @@ class _Chain:
             self._density = float(place.volume - state.potential_energy)
             steps, acceptance, diverging = int(state.num_steps), float(state.accept_prob), bool(state.diverging)
         free = np.asarray(self._target.map.at(self.w)).tolist()
-        told = {"steps": steps, "acceptance": acceptance, "diverging": diverging}
-        return {"free": free, "log_posterior": self._density} | told
+        course = {"steps": steps, "acceptance": acceptance, "diverging": diverging}
+        return {"free": free, "log_posterior": self._density} | course
 
     def _judge(self, proposed: Float[np.ndarray, " q"], log_there: float) -> None:
         density, log_here = self._log_density(proposed), log_proposed(self._mixture, self.w)
@@ -351,7 +332,7 @@ class _Chain:
 
 
 def _task_of(entry: Document, shape: tuple[int, int]) -> tuple[int, int]:
-    """Which block of which chain an `entry` is, of as many parameters and directions as the axes' `shape` says."""
+    """Chain and block of an `entry`, of as many parameters and directions as the axes' `shape` says."""
     task = entry["chain"], entry["block"]
     if not all(isinstance(number, int) for number in task):
         raise TypeError(f"chain, block = {task!r}")

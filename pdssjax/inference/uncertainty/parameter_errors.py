@@ -17,9 +17,9 @@ from jaxtyping import Bool, Float
 from ...core import member, members
 from ...study import ErrorAdvice, Estimate, FittedParameter, ParameterError, cycles_a_second
 from ..beyond_noise import leaves_unresolved
-from ..covariance import Covariance, least_squares_covariance
+from ..covariance import Covariance, least_squares_covariance, set_unknown
 from ..evidence import Evidence
-from ..least_squares import Fit, Method, Progress, evaluated
+from ..least_squares import Fit, Method, Progress, evaluated, quiet
 from ..losses.base import AbstractLoss
 from ..notes.about_records import listed
 from ..parameter_transform import ParameterTransform
@@ -28,12 +28,7 @@ from ..stack_first.peak_picking import PATHS, PickedStack
 from ..stack_parameters import platform_alone_records, stack_parameters, stack_residuals
 from .error_models.base import AbstractErrorModel, RecordErrors, total_of
 from .influence import curvature_of, influence_of, principal_directions
-from .linear_intervals import (
-    effective_freedom,
-    linear_intervals,
-    record_factors,
-    row_factors,
-)
+from .linear_intervals import effective_freedom, linear_intervals, record_factors, row_factors
 from .two_steps import TwoSteps
 
 EVIDENT = 10.0
@@ -97,7 +92,7 @@ def _most_changed(parameters: Sequence[FittedParameter], before: str, after: str
 
 
 class FittedPoint(NamedTuple):
-    """Where a fit ended, of p parameters and n samples."""
+    """The optimum of a fit of p parameters and n samples."""
 
     method: Method
     evidence: Evidence
@@ -112,12 +107,12 @@ class FittedPoint(NamedTuple):
 
     @property
     def problem(self) -> Problem:
-        """What was fitted."""
+        """The problem that was fitted."""
         return self.evidence.problem
 
     @property
     def fit(self) -> Fit:
-        """How it ended."""
+        """The fit of the problem."""
         return self.evidence.fit
 
 
@@ -133,7 +128,7 @@ class _ByModel(NamedTuple):
 
 
 def all_error_models() -> list[AbstractErrorModel]:
-    """All of them, from the strictest assumption to the weakest."""
+    """All error models, from the strictest assumption to the weakest."""
     found = [
         member("inference.uncertainty.error_models", name)() for name in members("inference.uncertainty.error_models")
     ]
@@ -151,8 +146,8 @@ def with_error_models(estimate: Estimate, evidence: Evidence, report: Progress) 
         return estimate
     point = point._replace(outlying=_outlying(estimate, problem, point.residual.size))
     found = _covariances(point, all_error_models(), None)
-    told = {name: by_model.evidence for name, by_model in found.items()}
-    if any(most >= EVIDENT for shares in told.values() for most in shares):
+    for_models = {name: by_model.evidence for name, by_model in found.items()}
+    if any(most >= EVIDENT for shares in for_models.values() for most in shares):
         # Residuals that are not white do not average out in the second derivative of chi-square.
         found |= _covariances(point, all_error_models()[1:], _curvatures(point, report))
     free = problem.residual.transform
@@ -160,9 +155,9 @@ def with_error_models(estimate: Estimate, evidence: Evidence, report: Progress) 
     slopes = np.abs(free.slope(fit.free))
     fitted = [record for record in estimate.records if record.role == "fit"]
     # Rounding follows the motion as a misfit does, and is none.
-    misfits = zip(fitted, told["with-misfit"], strict=True)
-    told["with-misfit"] = [0.0 if leaves_unresolved(record) else most for record, most in misfits]
-    advice = advise(parameters, told, [record.name for record in problem.records])
+    misfits = zip(fitted, for_models["with-misfit"], strict=True)
+    for_models["with-misfit"] = [0.0 if leaves_unresolved(record) else most for record, most in misfits]
+    advice = advise(parameters, for_models, [record.name for record in problem.records])
     if advice is not None and not estimate.converged:
         advice = advice._replace(
             reason=f"The fit did not converge: its errors are those of no optimum. {advice.reason}"
@@ -171,7 +166,7 @@ def with_error_models(estimate: Estimate, evidence: Evidence, report: Progress) 
         estimate,
         parameters=parameters,
         error_advice=advice,
-        covariances={name: told.matrix * np.outer(slopes, slopes) for name, told in found.items()},
+        covariances={name: by_model.matrix * np.outer(slopes, slopes) for name, by_model in found.items()},
     )
 
 
@@ -226,17 +221,16 @@ def _covariances(
     models: Sequence[AbstractErrorModel],
     curvatures: Sequence[Float[np.ndarray, "p k"]] | None,
 ) -> dict[str, "_ByModel"]:
-    """By name of the model."""
+    """The errors by each of the `models`, by its name."""
     own = point.problem.residual.transform
     effect, unknown = own.own_effect(influence_at(point, curvatures)), own.tied_to(~point.known)
     records, out = _record_errors(point, effect), {}
     # What was measured apart has errors of its own, whatever those of the samples.
-    apart = effect[point.problem.rows_apart]
+    prior = effect[point.problem.rows_apart]
     for model in models:
         shares = model.shares(records)
-        matrix = total_of(shares) + apart.T @ apart
-        matrix[unknown] = np.nan
-        matrix[:, unknown] = np.nan
+        matrix = total_of(shares) + prior.T @ prior
+        set_unknown(matrix, unknown)
         variances = [np.diag(share.covariance) for share in shares]
         freedom, pooled = [share.freedom for share in shares], [share.pooled for share in shares]
         known_from = effective_freedom(np.diag(matrix), variances, freedom, pooled)
@@ -285,7 +279,7 @@ def _curvatures(point: FittedPoint, report: Progress) -> list[Float[np.ndarray, 
         directions[point.fitted] = spread
 
     def jacobian_at(free: Float[np.ndarray, " p"]) -> Float[np.ndarray, "n p"]:
-        return np.asarray(evaluated(point.problem, free, lambda message: None).state.jacobian)
+        return np.asarray(evaluated(point.problem, free, quiet).state.jacobian)
 
     rows, bounds = point.problem.rows, point.problem.bounds
     return curvature_of(jacobian_at, point.fit.free, point.residual, point.jacobian, directions, rows, bounds)
@@ -301,10 +295,10 @@ def _with_errors(
     errors: dict[str, dict[str, ParameterError]] = {path: {} for path in free.paths}
     slopes = np.abs(free.slope(at))
     bounds = {path: parameters[path].bounds for path in free.paths}
-    for name, told in found.items():
-        deviation = np.sqrt(np.diag(told.matrix))
-        intervals = linear_intervals(free.own(at), deviation, told.freedom, free, bounds)
-        for path, error, freedom in zip(free.paths, deviation * slopes, told.freedom, strict=True):
+    for name, by_model in found.items():
+        deviation = np.sqrt(np.diag(by_model.matrix))
+        intervals = linear_intervals(free.own(at), deviation, by_model.freedom, free, bounds)
+        for path, error, freedom in zip(free.paths, deviation * slopes, by_model.freedom, strict=True):
             errors[path][name] = ParameterError(float(error), intervals[path], float(freedom))
     return {
         path: dataclasses.replace(p, errors=errors[path]) if p.free and np.isfinite(p.standard_error) else p
@@ -317,7 +311,7 @@ def robust_covariance(
     jacobian: Float[np.ndarray, "n p"],
     held: Bool[np.ndarray, " p"],
     loss: AbstractLoss,
-    apart: Float[np.ndarray, "k p"] | None = None,
+    prior: Float[np.ndarray, "k p"] | None = None,
 ) -> tuple[Covariance, Float[np.ndarray, "p p"]]:
     """B^-1 M B^-1 with B = J' diag(rho''/2) J and M = J' diag(rho'/2)^2 J (P. J. Huber, Robust Statistics, 1981, 7.6).
 
@@ -325,11 +319,11 @@ def robust_covariance(
     measured apart has the error given: it adds J' J to both.
 
     **Arguments:** `root`s of the residuals of the samples and their `jacobian`, as the fit leaves them; `held`
-    parameters count as known; the Jacobian of what was measured `apart`.
+    parameters count as known; the Jacobian `prior` of what was measured apart.
 
     **Returns:** the covariance, and B^-1, by which the estimate follows what was measured apart; NaN alike.
     """
-    given = np.zeros((0, jacobian.shape[1])) if apart is None else apart
+    given = np.zeros((0, jacobian.shape[1])) if prior is None else prior
     whole = least_squares_covariance(np.concatenate([jacobian, given]), held)
     kept = np.flatnonzero(whole.identifiable)
     if not kept.size:
@@ -384,22 +378,21 @@ def standard_errors_of(method: Method, evidence: Evidence, stack: PickedStack | 
         if stack is not None:
             unknown |= stack_parameters(problem) & ~problem.residual.transform.among(PATHS)
         effect = steps.influence()
-        naive = _covariance(steps.apart().influence(), factors, unknown)
+        naive = _covariance(steps.with_first_exact().influence(), factors, unknown)
     known = whole._replace(matrix=_covariance(effect, factors, unknown))
     own = problem.residual.transform
     squares = factors[:, None] * own.own_effect(effect) ** 2
     shares = [np.sum(squares[rows], axis=0) for rows in problem.rows]
     noise = evidence.noise_freedom, evidence.noise_is_given
     freedom = effective_freedom(np.diag(own.own_covariance(known.matrix)), shares, *noise)
-    return StandardErrors(known, naive, _with_told(point, effect, stack), factor, freedom)
+    return StandardErrors(known, naive, _covariance_with_priors(point, effect, stack), factor, freedom)
 
 
 def _covariance(
     effect: Float[np.ndarray, "n p"], factors: Float[np.ndarray, " n"], unknown: Bool[np.ndarray, " p"]
 ) -> Float[np.ndarray, "p p"]:
     matrix = effect.T @ (factors[:, None] * effect)
-    matrix[unknown] = np.nan
-    matrix[:, unknown] = np.nan
+    set_unknown(matrix, unknown)
     return matrix
 
 
@@ -415,13 +408,16 @@ def _after_peaks(point: FittedPoint, stack: PickedStack) -> TwoSteps:
     return TwoSteps(np.concatenate([0.0 * walks, readings]), np.concatenate([walks, 0.0 * readings]), earlier, later)
 
 
-def _with_told(
+def _covariance_with_priors(
     point: FittedPoint, effect: Float[np.ndarray, "n p"], stack: PickedStack | None
 ) -> Float[np.ndarray, " p"]:
-    """The effect of a told number is that of its row, whose error is 1 over its Jacobian on this scale."""
+    """The covariance of each estimate with its number measured apart.
+
+    The effect of that number is that of its row, whose error is 1 over its Jacobian on this scale.
+    """
     residual, out = point.problem.residual, np.zeros(effect.shape[1])
     effect = residual.transform.own_effect(effect)
-    for row, path in enumerate(residual.apart, point.problem.rows_apart.start):
+    for row, path in enumerate(residual.priors, point.problem.rows_apart.start):
         place = residual.transform.paths.index(path)
         if stack is not None and path in PATHS:
             out[place] = stack.covariance[PATHS.index(path), PATHS.index(path)]
@@ -433,9 +429,9 @@ def _with_told(
 def _robust(problem: Problem, fit: Fit) -> StandardErrors:
     loss, held = problem.residual.loss, problem.residual.transform.at_bound(fit.free)
     roots, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)
-    samples, apart = slice(problem.rows_apart.start), jacobian[problem.rows_apart]
-    known, bread = robust_covariance(roots[samples], jacobian[samples], held, loss, apart)
-    given = np.sum((apart @ np.nan_to_num(bread)) ** 2, axis=0)
+    samples, prior = slice(problem.rows_apart.start), jacobian[problem.rows_apart]
+    known, bread = robust_covariance(roots[samples], jacobian[samples], held, loss, prior)
+    given = np.sum((prior @ np.nan_to_num(bread)) ** 2, axis=0)
     left = max(samples.stop - known.identifiable.sum(), 1)
     variance = np.diag(known.matrix)
     freedom = effective_freedom(variance, [variance - given], [left], [False])

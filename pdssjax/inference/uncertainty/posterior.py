@@ -14,12 +14,11 @@ C. Fox, J. Computational and Graphical Statistics 14(4), 2005).
 """
 
 import functools
-from collections.abc import Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Num
+from jaxtyping import Float, Int, Num
 
 from ...core import Document
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
@@ -33,10 +32,10 @@ BLOCK = 50
 """Draws between two moments at which they are kept."""
 
 PROPOSALS = "randomized residuals, exponentials at bounds, streams by purpose"
-"""What draws are proposed from: weights of proposals of another kind do not go with theirs."""
+"""Kind of the proposals: weights of another kind do not go with theirs."""
 
 TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1)
-"""Proposals."""
+"""Widths of the mixture of proposals, which the model accepts or refuses."""
 
 
 class Chains(NamedTuple):
@@ -77,22 +76,21 @@ def sample_posterior(
             drawing.store.keep(entry)
             kept[task] = entry
             report(f"posterior: the model has judged {done * BLOCK} of {len(due) * BLOCK} draws")
-    each = [[kept[chain, block] for block in range(blocks)] for chain in range(chains)]
-    return _joined([_corrected(each[chain], wanted, drawing.seed, chain) for chain in range(chains)])
-
-
-class _Corrected(NamedTuple):
-    """Draws of a chain, or of several."""
-
-    free: Float[np.ndarray, "*chains draws p"]
-    log_density: Float[np.ndarray, "*chains draws"]
-    """Logarithm of the model's density, up to a constant."""
-    accepted: Bool[np.ndarray, "*chains draws"]
-    """The model took the polynomial's draw; else the draw is the one before."""
+    whole = lambda chain, name: np.concatenate([np.array(kept[chain, b][name], float) for b in range(blocks)])[:wanted]
+    free, density, accepted = [], [], []
+    for chain in range(chains):
+        log_density = whole(chain, "log_posterior")
+        log_density = np.where(np.isfinite(log_density), log_density, -np.inf)
+        places = corrected(log_density - whole(chain, "proposed"), stream(drawing.seed, "correct", chain))
+        free.append(whole(chain, "free")[places])
+        density.append(log_density[places])
+        accepted.append(places == np.arange(wanted))
+    refused = int(np.sum(~np.stack(accepted)))
+    return Chains(np.stack(free), refused, {"lp": np.stack(density), "accepted": np.stack(accepted)})
 
 
 def corrected(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) -> Int[np.ndarray, " n"]:
-    """Which of n proposals an independence chain is at, after each of them.
+    """The index of the proposal that an independence chain is at, after each of n proposals.
 
     It begins at one of the first, each as probable as its weight, lest it has to find the posterior.
     """
@@ -114,18 +112,18 @@ def _begin(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) ->
 
 
 def _judged(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[int, int]) -> Document:
-    """A block of proposals and what the model says of it; all of it, so that the block need not be drawn again."""
+    """A block of proposals with the model's density at each, complete, so that the block need not be drawn again."""
     proposed = model.proposals(learned, TO_JUDGE, BLOCK, stream(seed, "propose", *task))
     chi2 = [float(np.sum(np.asarray(model.residuals(free)) ** 2)) for free in proposed.free]
     log_density = model.log_prior(proposed.free) - 0.5 * np.array(chi2) / model.factor
     # JSON has no infinity.
     density = [float(value) if np.isfinite(value) else None for value in log_density]
-    told = {"free": proposed.free.tolist(), "proposed": proposed.log_proposed.tolist()}
-    return {"chain": task[0], "block": task[1], **told, "log_posterior": density}
+    draws = {"free": proposed.free.tolist(), "proposed": proposed.log_proposed.tolist()}
+    return {"chain": task[0], "block": task[1], **draws, "log_posterior": density}
 
 
 def _task_of(entry: Document, size: int) -> tuple[int, int]:
-    """Which block of which chain an `entry` is."""
+    """Chain and block of an `entry`."""
     task = entry["chain"], entry["block"]
     if not all(isinstance(number, int) for number in task):
         raise TypeError(f"chain, block = {task!r}")
@@ -137,21 +135,3 @@ def _task_of(entry: Document, size: int) -> tuple[int, int]:
         if not np.isfinite(numbers).all() and (name != "log_posterior" or np.isinf(numbers).any()):
             raise ValueError(f"{name} of block {task[1]} of chain {task[0]} with numbers that are not finite")
     return task
-
-
-def _corrected(blocks: Sequence[Document], wanted: int, seed: int, chain: int) -> _Corrected:
-    """One chain of the model's draws, without its axis."""
-    whole = lambda name: np.concatenate([np.array(block[name], float) for block in blocks])[:wanted]
-    density = whole("log_posterior")
-    density = np.where(np.isfinite(density), density, -np.inf)
-    places = corrected(density - whole("proposed"), stream(seed, "correct", chain))
-    return _Corrected(
-        free=whole("free")[places],
-        log_density=density[places],
-        accepted=places == np.arange(wanted),
-    )
-
-
-def _joined(chains: Sequence[_Corrected]) -> Chains:
-    free, density, accepted = (np.stack(parts) for parts in zip(*chains, strict=True))
-    return Chains(free, int(np.sum(~accepted)), {"lp": density, "accepted": accepted})

@@ -12,7 +12,6 @@ chi-square, two such steps come to it, and all linearisations on the way teach t
 import contextlib
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -38,7 +37,7 @@ _FEWEST = 24
 """Draws of a round."""
 
 _AGREEMENT = 0.85
-"""What model and polynomial have in common, from which the polynomial is good; with `_FEWEST` points 1 is seldom."""
+"""Overlap of model and polynomial from which the polynomial is good; with `_FEWEST` points 1 is seldom."""
 
 _WIDTHS = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0)
 """Widths of the mixture that draws are taken from."""
@@ -60,20 +59,14 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
     ends = [found.end.point for found in model.ends]
     # A polynomial that folds over near the optimum has hardly any draws.
     with contextlib.suppress(NothingToDraw):
-        found = _rounds(model, model.first, ends, range(_TRIED), seed, executor, report)
-        if found.agreement > _AGREEMENT:
-            return found.polynomial
+        learned, agreement = _rounds(model, model.first, ends, range(_TRIED), seed, executor, report)
+        if agreement > _AGREEMENT:
+            return learned
     near = learn_curvature(model.evaluate, model.optimum, 1.0, model.bounds, executor=executor).at_optimum
     first = of_second_order(model.optimum, near, model.axes)
     with contextlib.suppress(NothingToDraw):
-        return _rounds(model, first, [], range(_TRIED, _TRIED + _ROUNDS), seed, executor, report).polynomial
+        return _rounds(model, first, [], range(_TRIED, _TRIED + _ROUNDS), seed, executor, report)[0]
     return of_second_order(model.optimum, near._replace(second=np.zeros_like(near.second)), model.axes)
-
-
-class _Learned(NamedTuple):
-    polynomial: ResidualPolynomial
-    agreement: float
-    """Overlap of the model's density with that of the polynomial of the round before."""
 
 
 def _rounds(
@@ -84,8 +77,11 @@ def _rounds(
     seed: int,
     executor: Executor | None,
     report: Progress,
-) -> _Learned:
-    """Learned from the `points` and from the draws of a `polynomial`, round after round, until it agrees."""
+) -> tuple[ResidualPolynomial, float]:
+    """A polynomial learned from the `points` and from draws of a `polynomial`, round after round, until it agrees.
+
+    **Returns:** with it the overlap of the model's density with that of the polynomial of the round before.
+    """
     moving, agreement = model.axes.shape[1], 0.0
     count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
     for number in numbers:
@@ -103,7 +99,7 @@ def _rounds(
         polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor, most).turned()
         if good:
             break
-    return _Learned(polynomial, agreement)
+    return polynomial, agreement
 
 
 def solved_further(

@@ -10,15 +10,17 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...core import InputError
 from ..least_squares import Progress
+from ..parameter_transform import Box
 from .at_bounds import AtBounds, at_bounds
 from .end_search import End
 from .linear_intervals import NORMAL_95
-from .profile_likelihood import Box, Evaluate, Which, interval_ends, learn_curvature
+from .profile_likelihood import Evaluate, Which, interval_ends, learn_curvature
 from .quadratic_end import factors
 from .randomize_then_optimize import Mixture, Proposals, Widths, propose
 from .residual_polynomial import ResidualPolynomial, count_points, learned_polynomial, of_second_order
@@ -55,7 +57,7 @@ class Model(NamedTuple):
     """Axes along which parameters move."""
     held: AtBounds
     """Parameters with their optimum at a bound."""
-    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
+    bounds: Box
     logarithmic: Bool[np.ndarray, " p"]
     """Which numbers are the logarithms of their values."""
     factor: float
@@ -71,12 +73,13 @@ class Model(NamedTuple):
         return prior_slopes(self.logarithmic)
 
     def log_prior(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n"]:
-        """But for a constant."""
+        """The logarithm of the prior, but for a constant."""
         return (free - self.optimum.at) @ self.prior_slopes
 
     def mixture(self, learned: ResidualPolynomial, widths: Widths) -> Mixture:
         """The mixture around a polynomial that was `learned`, with variances enlarged by the `widths`."""
-        return Mixture(learned, self.axes, self.held, self.factor, widths)
+        numbers = jax.tree.map(np.asarray, (self.factor, widths))
+        return Mixture(learned, self.axes, self.held, *numbers)
 
     def proposals(
         self, learned: ResidualPolynomial, widths: Widths, count: int, random: np.random.Generator
@@ -85,7 +88,7 @@ class Model(NamedTuple):
         return propose(self.mixture(learned, widths), self.bounds, count, random)
 
     def along_axes(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n q"]:
-        """Where numbers on the scale of the fit lie along the axes, from the optimum."""
+        """Numbers on the scale of the fit as distances from the optimum along the axes."""
         return (free - self.optimum.at) @ np.linalg.pinv(self.axes).T
 
 
@@ -125,8 +128,8 @@ def posterior_model(
     threshold = _FAR * factor
     shared = learn_curvature(evaluate, optimum, threshold, bounds, factor, executor=executor)
     which: list[Which] = [(int(index), side) for index in moving for side in (-1.0, 1.0)]
-    told = lambda done: report(f"posterior: where the likelihood ends, {done} of {len(which)} ends")
-    found = interval_ends(evaluate, optimum, which, threshold, bounds, shared, executor=executor, report=told)
+    tell = lambda done: report(f"posterior: where the likelihood ends, {done} of {len(which)} ends")
+    found = interval_ends(evaluate, optimum, which, threshold, bounds, shared, executor=executor, report=tell)
     axes = principal_axes(optimum, moving, factor)
     if len(shared.points) + 1 < count_points(moving.size):
         first = of_second_order(optimum, shared.at_optimum, axes)

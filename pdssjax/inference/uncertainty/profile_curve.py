@@ -12,9 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..covariance import scaled_least_squares
+from ..parameter_transform import Box
 from .end_search import End, SharedCurvature, standard_errors
-from .profile_likelihood import REACH, Box, Evaluate, linearise
-from .quadratic_end import Aim, lowest
+from .profile_likelihood import REACH, Evaluate, linearise
+from .quadratic_end import NULL, Aim, lowest
 from .second_order import Linearisation, SecondOrder
 
 _HALVINGS = 2
@@ -90,6 +92,8 @@ def profile_curve(
 
 
 class _Side:
+    """The valley between the optimum and one end."""
+
     def __init__(
         self,
         evaluate: Evaluate,
@@ -180,14 +184,14 @@ class _Side:
         slope = 2.0 * float(point.jacobian[:, self.index] @ residual)
         others = self._others(point)
         tangent = np.zeros(point.at.size)
-        tangent[others] = -_solved(point.jacobian[:, others], point.jacobian[:, self.index])
+        tangent[others] = -scaled_least_squares(point.jacobian[:, others], point.jacobian[:, self.index], NULL)
         tangent[self.index] = 1.0
         return _Node(point, float(residual @ residual) - self.optimum.chi2, slope, tangent)
 
     def _best(self, point: Linearisation) -> Float[np.ndarray, " p"]:
         """The step of the others that lowers chi-square most, by the linear model and within the bounds."""
         others, step = self._others(point), np.zeros(point.at.size)
-        step[others] = -_solved(point.jacobian[:, others], point.residual)
+        step[others] = -scaled_least_squares(point.jacobian[:, others], point.residual, NULL)
         return np.clip(point.at + step, self.low, self.high) - point.at
 
     def _others(self, point: Linearisation) -> Bool[np.ndarray, " p"]:
@@ -227,9 +231,3 @@ def _hermite(
 def _limited(slope: Float[np.ndarray, "*shape"], rise: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """A slope that keeps a cubic between its ends (F. N. Fritsch and R. E. Carlson, SIAM J. Num. Anal. 17(2), 1980)."""
     return np.where(slope * rise > 0.0, np.clip(slope, -3.0 * np.abs(rise), 3.0 * np.abs(rise)), 0.0)
-
-
-def _solved(columns: Float[np.ndarray, "n k"], target: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
-    norms = np.linalg.norm(columns, axis=0)
-    norms = np.where(norms > 0, norms, 1.0)
-    return np.linalg.lstsq(columns / norms, target, rcond=1e-7)[0] / norms

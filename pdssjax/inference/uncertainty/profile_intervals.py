@@ -1,4 +1,4 @@
-"""Replaces an estimate's linear intervals by those of the likelihood, with curves and a verdict for each parameter."""
+"""Likelihood intervals of an estimate, with a curve and a verdict for each parameter."""
 
 import dataclasses
 from concurrent.futures import Executor
@@ -14,10 +14,10 @@ from ..evidence import Evidence
 from ..least_squares import Fit, Progress
 from ..notes.about_records import about_better_optimum
 from ..problem import Problem
-from .end_search import End, Verdict
+from .end_search import End, Verdict, standard_errors
 from .linear_intervals import half_width_95
 from .profile_curve import Curve, profile_curve
-from .profile_likelihood import interval_ends, learn_curvature, linear_half_widths
+from .profile_likelihood import REACH, interval_ends, learn_curvature
 from .second_order import Linearisation, linearisation_at
 
 FALLS = 0.05
@@ -66,6 +66,7 @@ def notes_of(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...]
 
 
 SIDES = -1.0, 1.0
+"""The lower and the upper end of an interval."""
 
 
 def with_profile_intervals(
@@ -74,10 +75,9 @@ def with_profile_intervals(
     """`estimate` with 95 % intervals that end where chi-square, minimised over all else, exceeds its threshold.
 
     Where residuals exceed the noise given the threshold of each parameter grows as its variance does, and where noise
-    was estimated it is that of Student's t squared.  A parameter at a
-    bound has that for one end, and those about which the data say nothing keep what they have.  A note names every end
-    that is no ordinary one.
-    `profiles` holds the curve between the ends of each.
+    was estimated it is that of Student's t squared.  A parameter at a bound has that for one end, and those about which
+    the data say nothing keep their interval.  A note names every end that is no ordinary one.  `profiles` holds the
+    curve between the ends of each.
     """
     factor = Evidence(problem, fit).variance_factor
     thresholds = _thresholds(estimate, problem, fit, factor)
@@ -88,12 +88,12 @@ def with_profile_intervals(
         estimate, problem, fit, [p for p in kept if p not in tied], thresholds, factor, executor, report
     )
     for path in tied:  # each in numbers of the fit of which it is one
-        estimate = _profiled(estimate, *_seen_along(path, problem, fit), [path], thresholds, factor, executor, report)
+        estimate = _profiled(estimate, *_along(path, problem, fit), [path], thresholds, factor, executor, report)
     order = [profile for path in kept for profile in estimate.profiles if profile.path == path]
     return dataclasses.replace(estimate, profiles=tuple(order))
 
 
-def _seen_along(path: str, problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+def _along(path: str, problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     """A problem and its fit in numbers of which one is the parameter `path` on its own scale."""
     before = problem.residual.transform
     after = before.along(path)
@@ -121,13 +121,12 @@ def _profiled(
     shared = learn_curvature(problem.linearised, optimum, thresholds, problem.bounds, factor, executor=executor)
     both = [(paths.index(path), side) for path in kept for side in SIDES]
     which = [(index, side) for index, side in both if not _at_bound(problem, optimum, index, side)]
-    told = lambda done: report(f"intervals: {done} of {len(which)} ends")
+    tell = lambda done: report(f"intervals: {done} of {len(which)} ends")
     found = interval_ends(
-        problem.linearised, optimum, which, thresholds, problem.bounds, shared, executor=executor, report=told
+        problem.linearised, optimum, which, thresholds, problem.bounds, shared, executor=executor, report=tell
     )
     ends_at = dict(zip(which, found, strict=True))
-    ends_of = lambda path: _pair(problem, optimum, estimate.parameters[path], ends_at)
-    pairs = {path: ends_of(path) for path in kept}
+    pairs = {path: _pair(problem, optimum, estimate.parameters[path], ends_at) for path in kept}
     threshold_of = lambda path: float(thresholds[paths.index(path)])
     draw = lambda path: profile_curve(
         problem.linearised, optimum, paths.index(path), pairs[path], threshold_of(path), problem.bounds, shared
@@ -139,7 +138,9 @@ def _profiled(
     parameters, notes, profiles = dict(estimate.parameters), list(estimate.notes), list(estimate.profiles)
     for path in kept:
         index, parameter, ends = paths.index(path), estimate.parameters[path], pairs[path]
-        parameters[path] = _with_ends(parameter, problem, index, ends)
+        low, high = (_value(problem, index, end) for end in ends)
+        verdicts = str(ends[0].verdict), str(ends[1].verdict)
+        parameters[path] = dataclasses.replace(parameter, interval=(low, high), verdicts=verdicts)
         profiles.append(_profile(problem, optimum, index, curves[path], ends, threshold_of(path)))
         notes += notes_of(parameter, problem, ends, float(optimum.at[index]))
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
@@ -194,7 +195,7 @@ def _profile(
     problem: Problem, optimum: Linearisation, index: int, curve: Curve, ends: tuple[End, ...], threshold: float
 ) -> Profile:
     path = problem.residual.transform.paths[index]
-    half_width = linear_half_widths(optimum, threshold)[index]
+    half_width = standard_errors(optimum, threshold, REACH)[0][index]
     return Profile(
         path=path,
         value=np.array([_in_si(problem, optimum.at, index, value) for value in curve.value]),
@@ -212,11 +213,6 @@ def _in_si(problem: Problem, at: Float[np.ndarray, " p"], index: int, value: flo
     """One number of the fit's scale in its own unit."""
     moved = np.where(np.arange(at.size) == index, value, at)
     return float(problem.decode(moved)[problem.residual.transform.paths[index]])
-
-
-def _with_ends(parameter: FittedParameter, problem: Problem, index: int, ends: tuple[End, ...]) -> FittedParameter:
-    low, high = (_value(problem, index, end) for end in ends)
-    return dataclasses.replace(parameter, interval=(low, high), verdicts=(str(ends[0].verdict), str(ends[1].verdict)))
 
 
 def _value(problem: Problem, index: int, end: End) -> float:

@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..draws import each_done
-from .end_search import Asking, End, EndSearch, SharedCurvature, probe_places, standard_errors
+from ..parameter_transform import Box
+from .end_search import End, EndSearch, PointRequests, SharedCurvature, probe_places, standard_errors
 from .quadratic_end import Aim
 from .second_order import Linearisation
 
@@ -21,11 +22,8 @@ Evaluate = Callable[
 ]
 """Whitened residual and its Jacobian at a point; not finite where the model cannot be evaluated."""
 
-Box = tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
-"""Lower and upper bounds."""
-
 Which = tuple[int, float]
-"""A parameter's place, and the side of its interval: -1.0 or 1.0."""
+"""Index of a parameter, and the side of its interval: -1.0 or 1.0."""
 
 Threshold = float | Float[np.ndarray, " p"]
 """Excess of chi-square over its minimum at an end: one for all parameters, or one for each."""
@@ -55,21 +53,15 @@ def learn_curvature(
     threshold: Threshold,
     bounds: Box,
     factor: float = 1.0,
-    reach: float = REACH,
     executor: Executor | None = None,
 ) -> SharedCurvature:
     """Learn the curvature that the ends around an `optimum` share, by one evaluation per parameter.
 
     **Arguments:** as of `interval_ends`; the `factor` by which variances exceed those of the noise given.
     """
-    sizes, scale = standard_errors(optimum, threshold, reach)
+    sizes, scale = standard_errors(optimum, threshold, REACH)
     places = probe_places(optimum.at, sizes, scale, bounds)
     return SharedCurvature(optimum, linearise_all(evaluate, places, executor), scale, factor)
-
-
-def linear_half_widths(optimum: Linearisation, threshold: Threshold, reach: float = REACH) -> Float[np.ndarray, " p"]:
-    """How far from the `optimum` the ends are by the linear model, none farther than `reach`."""
-    return standard_errors(optimum, threshold, reach)[0]
 
 
 def interval_ends(
@@ -83,7 +75,7 @@ def interval_ends(
     executor: Executor | None = None,
     report: Callable[[int], None] = lambda done: None,
 ) -> list[End]:
-    """The ends that `which` names.
+    """The likelihood ends at the sides of parameters that `which` names.
 
     **Arguments:** the `optimum` of the sum of squares between `bounds`; the `threshold` by which chi-square may
     exceed its minimum; what is known of its curvature (`learn_curvature`); how far a parameter is followed before it
@@ -93,7 +85,7 @@ def interval_ends(
     # What runs away is held there: its effect has died out long before.
     near, far = np.maximum(low, optimum.at - reach), np.minimum(high, optimum.at + reach)
     sizes = standard_errors(optimum, threshold, reach)[0]
-    searches: dict[Which, Asking] = {}
+    searches: dict[Which, PointRequests] = {}
     thresholds = np.broadcast_to(threshold, optimum.at.shape)
     for index, side in which:
         excess = float(thresholds[index])
@@ -101,14 +93,14 @@ def interval_ends(
         bound = float((high if side > 0 else low)[index])
         searches[index, side] = EndSearch(optimum, aim, bound, reach, excess, shared).run()
     ends: dict[Which, End] = {}
-    asked = {name: next(search) for name, search in searches.items()}
-    while asked:
-        found = dict(zip(asked, linearise_all(evaluate, list(asked.values()), executor), strict=True))
+    requested = {name: next(search) for name, search in searches.items()}
+    while requested:
+        found = dict(zip(requested, linearise_all(evaluate, list(requested.values()), executor), strict=True))
         shared.learn(list(found.values()))
-        asked = {}
+        requested = {}
         for name, point in found.items():
             try:
-                asked[name] = searches[name].send(point)
+                requested[name] = searches[name].send(point)
             except StopIteration as stop:
                 ends[name] = stop.value
         report(len(ends))

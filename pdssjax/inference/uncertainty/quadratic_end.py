@@ -20,7 +20,7 @@ NULL = 1e-7
 """Relative singular value of a direction in which the residual does not change."""
 
 _STEPS = 50
-"""Steps at most, along a model of second order."""
+"""Largest number of steps along a model of second order."""
 
 _ROOM = 2.0
 """Room for the parameters that are not profiled, in half widths of their linear intervals."""
@@ -30,11 +30,11 @@ _SMALLEST = 1e-6
 
 
 _SHORT = 20.0
-"""The same in radii, where the radius is so small that not even the way back is trusted."""
+"""Room for these in radii, where the radius is so small that not even the way back is trusted."""
 
 
 class Aim(NamedTuple):
-    """Which end is looked for, and where."""
+    """The end that is searched for, and the box to search in."""
 
     index: int  # pyright: ignore[reportIncompatibleMethodOverride]
     """The profiled parameter."""
@@ -49,7 +49,7 @@ class Aim(NamedTuple):
     """Half widths of the linear intervals, in which steps are measured."""
 
     def shifted(self, at: Float[np.ndarray, " p"], radius: float) -> "Aim":
-        """The same as seen from `at`, the profiled parameter no farther than `radius`.
+        """The aim as seen from `at`, the profiled parameter no farther than `radius`.
 
         The others have room to come back into a narrow valley.
         """
@@ -84,20 +84,20 @@ def parabola(model: SecondOrder, step: Float[np.ndarray, " p"]) -> Parabola:
 def follow(model: SecondOrder, aim: Aim) -> Float[np.ndarray, " p"]:
     """The step from the point of a model of second order to the end that `aim` says, or as far as the box goes."""
     at, radius = np.zeros(aim.low.size), 1.0
-    touching, chi2 = parabola(model, at), float(np.sum(model(at)[0] ** 2))
+    tangent, chi2 = parabola(model, at), float(np.sum(model(at)[0] ** 2))
     threshold = max(abs(aim.target - chi2), 1e-3 * aim.target / model.factor.shape[0], 1e-12)
     highest = max(aim.target, chi2) + threshold
     for _ in range(_STEPS):
-        step = end_of_parabola(touching, at, aim)
+        step = end_of_parabola(tangent, at, aim)
         step = step * min(1.0, radius / max(float(np.max(np.abs(step / aim.sizes))), 1e-300))
         length = float(np.max(np.abs(step / aim.sizes)))
         if length < _SMALLEST:
             break
         found = float(np.sum(model(at + step)[0] ** 2))
-        missed = abs(found - touching(step)) / (abs(touching(step) - chi2) + threshold)
+        missed = abs(found - tangent(step)) / (abs(tangent(step) - chi2) + threshold)
         if missed < 0.5 and found < highest:
             at = np.clip(at + step, aim.low, aim.high)
-            touching, chi2 = parabola(model, at), found
+            tangent, chi2 = parabola(model, at), found
             radius *= 3.0 if missed < 0.1 else 1.0
         else:
             radius = 0.25 * min(radius, length)
@@ -136,7 +136,7 @@ def lowest(
 
 
 def _within(at: Float[np.ndarray, " p"], aim: Aim, solve: Solve) -> Float[np.ndarray, " p"]:
-    """What `solve` makes of the model, where what would leave the box moves to its side and no further."""
+    """The step of `solve`, where a parameter that would leave the box moves to its side and no further."""
     low, high = aim.low - at, aim.high - at
     held, step = low >= high, np.zeros(at.size)
     for _ in range(at.size):

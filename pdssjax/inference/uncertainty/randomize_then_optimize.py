@@ -29,6 +29,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ...core import InputError, Scalar
+from ..parameter_transform import Box
 from .at_bounds import AtBounds
 from .residual_polynomial import ResidualPolynomial
 
@@ -82,12 +83,8 @@ class Proposals(NamedTuple):
     """Logarithm of the density that the polynomial stands for, but for a constant."""
 
 
-def _as_arrays(widths: Widths) -> Widths:
-    return jax.tree.map(np.asarray, widths)
-
-
-class Mixture(eqx.Module):
-    """A mixture of distributions to draw from; with other numbers nothing is compiled anew."""
+class RandomizedResiduals(eqx.Module):
+    """The randomized residuals of a polynomial, along axes from its centre."""
 
     polynomial: ResidualPolynomial
     """Stands for the residuals around its centre."""
@@ -95,20 +92,58 @@ class Mixture(eqx.Module):
     """Axes along which parameters move: x = x0 + A w."""
     held: AtBounds
     """Parameters with their optimum at a bound."""
-    variance: Float[np.ndarray, ""] = eqx.field(converter=np.asarray)
+    variance: Float[np.ndarray, ""] | float
     """Variance of each residual."""
-    widths: Widths = eqx.field(converter=_as_arrays)
 
     def equation(self) -> "Equation":
-        """The equation of the polynomial's randomized residuals."""
-        return randomized_equation(self.polynomial, self.axes, self.held, self.variance)
+        """The equation of the polynomial's randomized residuals along the axes.
 
-    def place(self, w: Float[Array, " q"]) -> Float[Array, " p"]:
+        Its first rows are those of the parameters `held` at bounds, sqrt(v) e of each.
+        """
+        polynomial, held, axes = self.polynomial, self.held, self.axes
+        count, deviation, middle = held.rates.size, jnp.sqrt(jnp.asarray(self.variance)), held.middle()
+        slopes_at_optimum = jax.jacfwd(lambda w: polynomial(self.at(w)))(jnp.zeros(axes.shape[1]))
+        basis = tangents(slopes_at_optimum @ held.free_directions())
+        projection = eqx.tree_at(lambda p: p.factor, polynomial, basis.T @ jnp.asarray(polynomial.factor))
+        # Solved with rho s in place of e, which is minus infinity at the bound.
+        level = lambda w: jnp.concatenate([deviation * held.scaled(w), projection(self.at(w))])
+        along = lambda w: jnp.concatenate([deviation * held.normal_of(held.scaled(w)), projection(self.at(w))])
+        slopes = jax.jacfwd(level)
+
+        def improved(w: Float[Array, " q"], target: Float[Array, " q"], times: int) -> Float[Array, " q"]:
+            return lax.fori_loop(0, times, lambda _, w: w - jnp.linalg.solve(slopes(w), level(w) - target), w)
+
+        def solve(u: Float[Array, " q"]) -> tuple[Float[Array, " q"], Scalar, Bool[Array, ""]]:
+            e = u[:count] / deviation
+            begin, target = level(middle), jnp.concatenate([deviation * held.scaled_of(e), u[count:]])
+
+            def go_on(w: Float[Array, " q"], share: Scalar) -> tuple[Float[Array, " q"], Scalar]:
+                w = improved(w, begin + share * (target - begin), _NEWTON)
+                return w, jnp.linalg.slogdet(slopes(w))[0]
+
+            w, signs = lax.scan(go_on, middle, jnp.arange(1, _WAY + 1) / _WAY)
+            w = improved(w, target, _LAST)
+            sign, volume = jnp.linalg.slogdet(slopes(w))
+            left = jnp.linalg.norm(level(w) - target)
+            solved = (left < _SOLVED * (1.0 + jnp.linalg.norm(target))) & jnp.all(signs == sign)
+            return w, volume + jnp.sum(held.log_slope(e)), solved
+
+        return Equation(solve, along, jax.jacfwd(along))
+
+    def at(self, w: Float[Array | np.ndarray, " q"]) -> Float[Array, " p"]:
         """x0 + A w."""
-        return jnp.asarray(self.polynomial.centre) + self.axes @ w
+        return jnp.asarray(self.polynomial.centre) + self.axes @ jnp.asarray(w)
+
+
+class Mixture(RandomizedResiduals):
+    """A mixture of distributions to draw from; with other numbers nothing is compiled anew."""
+
+    widths: Widths
 
 
 class _Solution(NamedTuple):
+    """Proposals, and whether the equation has a solution for each."""
+
     x: Float[Array | np.ndarray, "*n p"]
     randomized: Float[Array | np.ndarray, "*n q"]
     log_proposed: Float[Array | np.ndarray, "*n"]
@@ -118,7 +153,7 @@ class _Solution(NamedTuple):
 
 def propose(
     mixture: Mixture,
-    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+    bounds: Box,
     count: int,
     random: np.random.Generator,
 ) -> Proposals:
@@ -129,7 +164,7 @@ def propose(
     (low, high), widths = bounds, mixture.widths
     directions = mixture.axes.shape[1]
     found: list[_Solution] = []
-    have = tried = 0
+    accepted = tried = 0
     for _ in range(_TRIALS):
         normal = random.standard_normal((_SIDE_BY_SIDE, directions))
         wide, linear = random.choice(widths.solved, _SIDE_BY_SIDE), random.random(_SIDE_BY_SIDE) < widths.share
@@ -139,12 +174,12 @@ def propose(
             some = jax.tree.map(np.asarray, some)
         good = some.solved & np.all((some.x >= low) & (some.x <= high), axis=1)
         found.append(jax.tree.map(lambda values, good=good: values[good], some))
-        have, tried = have + int(np.sum(good)), tried + _SIDE_BY_SIDE
-        if have >= count:
+        accepted, tried = accepted + int(np.sum(good)), tried + _SIDE_BY_SIDE
+        if accepted >= count:
             whole = _Solution(*(np.concatenate(parts)[:count] for parts in zip(*found, strict=True)))
             return Proposals(*map(np.asarray, whole[:-1]))
     raise NothingToDraw(
-        f"posterior: found parameters between the bounds for {have} of {tried} randomized residuals, expected "
+        f"posterior: found parameters between the bounds for {accepted} of {tried} randomized residuals, expected "
         f"{count}; the records say too little about them, or the optimum lies at bounds. Fix some, or give bounds."
     )
 
@@ -161,7 +196,7 @@ def _proposals(
     def drawn(target: Float[Array, " q"], linear: Bool[Array, ""]) -> _Solution:
         w, _, solved = equation.solve(target)
         w = jnp.where(linear, target, w)
-        proposed, x = log_proposed(mixture, w), mixture.place(w)
+        proposed, x = log_proposed(mixture, w), mixture.at(w)
         learned = -0.5 * jnp.sum(mixture.polynomial(x) ** 2) / mixture.variance
         return _Solution(x, equation.along(w), proposed, learned, (solved | linear) & jnp.isfinite(proposed))
 
@@ -205,44 +240,3 @@ class Equation(NamedTuple):
         u = self.along(w)
         again, volume, solved = self.solve(u)
         return u, volume, solved & (jnp.linalg.norm(again - w) < _SAME * (1.0 + jnp.linalg.norm(w)))
-
-
-def randomized_equation(
-    polynomial: ResidualPolynomial,
-    axes: Float[Array | np.ndarray, "p q"],
-    held: AtBounds,
-    variance: Float[Array | np.ndarray, ""] | float,
-) -> Equation:
-    """The equation of a `polynomial` along the `axes` of what moves.
-
-    The first rows are those of the parameters `held` at bounds, sqrt(v) e of each.
-    """
-    place = lambda w: jnp.asarray(polynomial.centre) + axes @ w
-    count, deviation, middle = held.rates.size, jnp.sqrt(jnp.asarray(variance)), held.middle()
-    slopes_at_optimum = jax.jacfwd(lambda w: polynomial(place(w)))(jnp.zeros(axes.shape[1]))
-    basis = tangents(slopes_at_optimum @ held.free_directions())
-    projection = eqx.tree_at(lambda p: p.factor, polynomial, basis.T @ jnp.asarray(polynomial.factor))
-    # Solved with rho s in place of e, which is minus infinity at the bound.
-    level = lambda w: jnp.concatenate([deviation * held.scaled(w), projection(place(w))])
-    along = lambda w: jnp.concatenate([deviation * held.normal_of(held.scaled(w)), projection(place(w))])
-    slopes = jax.jacfwd(level)
-
-    def improved(w: Float[Array, " q"], target: Float[Array, " q"], times: int) -> Float[Array, " q"]:
-        return lax.fori_loop(0, times, lambda _, w: w - jnp.linalg.solve(slopes(w), level(w) - target), w)
-
-    def solve(u: Float[Array, " q"]) -> tuple[Float[Array, " q"], Scalar, Bool[Array, ""]]:
-        e = u[:count] / deviation
-        begin, target = level(middle), jnp.concatenate([deviation * held.scaled_of(e), u[count:]])
-
-        def go_on(w: Float[Array, " q"], share: Scalar) -> tuple[Float[Array, " q"], Scalar]:
-            w = improved(w, begin + share * (target - begin), _NEWTON)
-            return w, jnp.linalg.slogdet(slopes(w))[0]
-
-        w, signs = lax.scan(go_on, middle, jnp.arange(1, _WAY + 1) / _WAY)
-        w = improved(w, target, _LAST)
-        sign, volume = jnp.linalg.slogdet(slopes(w))
-        left = jnp.linalg.norm(level(w) - target)
-        solved = (left < _SOLVED * (1.0 + jnp.linalg.norm(target))) & jnp.all(signs == sign)
-        return w, volume + jnp.sum(held.log_slope(e)), solved
-
-    return Equation(solve, along, jax.jacfwd(along))

@@ -52,7 +52,7 @@ class ResidualPolynomial(eqx.Module):
 
 
 def count_terms(directions: int, degree: int) -> int:
-    """How many terms a polynomial has."""
+    """The number of terms of a polynomial."""
     return sum(len(_products(directions, order)) for order in range(degree + 1))
 
 
@@ -83,7 +83,7 @@ def of_second_order(optimum: Linearisation, curvature: Curvature, axes: Float[np
 
 
 class SampledPolynomial(NamedTuple):
-    """The same with every sample kept, so that its second derivatives go with residuals that are known elsewhere."""
+    """A residual polynomial with every sample kept, so that its second derivatives go with any residuals."""
 
     centre: Float[np.ndarray, " p"]
     inverse: Float[np.ndarray, "q p"]
@@ -147,13 +147,13 @@ def learned_polynomial(
     solve = solve_triangular(triangle, basis[: -ridge.size].T).reshape(ridge.size, len(used), 1 + moving)
     coefficients = np.zeros((optimum.residual.size, ridge.size))
     for number, point in enumerate(used):  # one at a time: all Jacobians side by side are many
-        told = np.concatenate([point.residual[:, None], _SLOPES * (point.jacobian @ (axes @ widths))], axis=1)
-        coefficients += weights[number] * told @ solve[:, number].T
+        data = np.concatenate([point.residual[:, None], _SLOPES * (point.jacobian @ (axes @ widths))], axis=1)
+        coefficients += weights[number] * data @ solve[:, number].T
     return SampledPolynomial(optimum.at, np.linalg.solve(widths, inverse), coefficients, degree)
 
 
 def count_points(directions: int, degree: int | None = None) -> int:
-    """How many linearisations determine a polynomial, of the order that so many directions allow if none is given."""
+    """The number of linearisations that determine a polynomial of a `degree`; None: what its directions allow."""
     return count_terms(directions, degree or degree_for(directions)) // (1 + directions) + 1
 
 
@@ -169,7 +169,7 @@ def _near(
 
 
 def _products(directions: int, order: int) -> Int[np.ndarray, "terms order"]:
-    """Which coordinates each product of so many has."""
+    """The coordinates in each product of `order` of them."""
     found = list(itertools.combinations_with_replacement(range(directions), order))
     return np.array(found, int).reshape(len(found), order)
 

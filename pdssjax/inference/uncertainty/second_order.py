@@ -41,7 +41,7 @@ class Linearisation(NamedTuple):
 
 
 def linearisation_at(fit: Fit) -> Linearisation:
-    """Where a `fit` ended."""
+    """The linearisation where a `fit` ended."""
     return Linearisation(np.asarray(fit.free, float), np.asarray(fit.state.residual), np.asarray(fit.state.jacobian))
 
 
@@ -52,7 +52,7 @@ class Curvature(NamedTuple):
     scale: Float[np.ndarray, "p p"]
 
     def with_step(self, begin: Linearisation, end: Linearisation) -> "Curvature":
-        """The nearest one that explains the change of the Jacobian from `begin` to `end`.
+        """The nearest curvature that explains the change of the Jacobian from `begin` to `end`.
 
         M. J. D. Powell's symmetric form of Broyden's update, for each residual.
         """
@@ -65,20 +65,22 @@ class Curvature(NamedTuple):
         return self._replace(second=self.second + change)
 
 
-def learned(optimum: Linearisation, probes: Sequence[Linearisation], scale: Float[np.ndarray, "p p"]) -> Curvature:
+def learned_curvature(
+    optimum: Linearisation, probes: Sequence[Linearisation], scale: Float[np.ndarray, "p p"]
+) -> Curvature:
     """The curvature that explains best, by least squares, how the Jacobian changes from `optimum` to each probe."""
     size = scale.shape[1]
-    seen, told = np.zeros((size, size)), np.zeros((optimum.residual.size, size, size))
+    steps, changes = np.zeros((size, size)), np.zeros((optimum.residual.size, size, size))
     for probe in probes:
         if np.isfinite(probe.chi2):
             step, length = _step_in(scale, optimum, probe)
-            seen += np.outer(step, step)
-            told += ((probe.jacobian - optimum.jacobian) @ scale / length)[:, :, None] * step
+            steps += np.outer(step, step)
+            changes += ((probe.jacobian - optimum.jacobian) @ scale / length)[:, :, None] * step
     # The symmetric T with T A + A T = B + B', least where that leaves it open.
-    weights, axes = np.linalg.eigh(seen)
+    weights, axes = np.linalg.eigh(steps)
     both = weights[:, None] + weights[None, :]
     known = both > _UNDETERMINED * max(float(np.max(both)), 1e-300)
-    rotated = axes.T @ (told + told.transpose(0, 2, 1)) @ axes
+    rotated = axes.T @ (changes + changes.transpose(0, 2, 1)) @ axes
     return Curvature(axes @ np.where(known, rotated / np.where(known, both, 1.0), 0.0) @ axes.T, scale)
 
 

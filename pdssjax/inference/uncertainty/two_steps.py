@@ -31,8 +31,8 @@ class TwoSteps(NamedTuple):
     """Places of the parameters fitted in the first step."""
     later: Int[np.ndarray, " r"]
 
-    def apart(self) -> "TwoSteps":
-        """The same where the second step takes what the first has found for exact."""
+    def with_first_exact(self) -> "TwoSteps":
+        """The steps where the second takes the result of the first for exact."""
         second = self.second.copy()
         second[:, self.earlier] = 0.0
         return self._replace(second=second)
@@ -56,10 +56,10 @@ class TwoSteps(NamedTuple):
             base = base @ np.linalg.inv(relative_curvature(along, early[self.earlier, :count]))
             inverse = np.linalg.solve(relative_curvature(spread, late[self.later, count:]), spread.T)
         found[:, self.earlier] = base @ along.T
-        pulled = (self.second[:, self.earlier] @ along).T @ left
+        shift = (self.second[:, self.earlier] @ along).T @ left
         if late is not None:
-            pulled = pulled + late[self.later, :count].T @ spread
-        found[:, self.later] = (left - base @ pulled) @ inverse
+            shift = shift + late[self.later, :count].T @ spread
+        found[:, self.later] = (left - base @ shift) @ inverse
         return found
 
     def directions(self) -> Float[np.ndarray, "p k"]:

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from ...selection import Comparison, Difference, Misfit, Result, TellingRecord
+from ...selection import Comparison, Difference, DiscriminatingRecord, Misfit, Result
 from ...study import Record
 from ._layout import aligned_table, counted, heading, note
 
@@ -148,7 +148,7 @@ def _discriminating_record(found: Comparison) -> str:
     return sentence
 
 
-def _telling(record: TellingRecord) -> str:
+def _telling(record: DiscriminatingRecord) -> str:
     shown = f"the {record.measures} as in {record.template}"
     if math.isnan(record.voltage):
         shown += f" with the motion {record.speed:g} times as fast" if record.speed != 1.0 else " once more"

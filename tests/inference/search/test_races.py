@@ -184,7 +184,7 @@ def test_a_fit_that_ran_into_a_bound_is_compared_with_starts_that_differ_in_ever
 def test_what_was_measured_apart_is_held_where_the_fit_put_it_when_others_are_scattered(monkeypatch):
     problem = Waves(1.0, 0.0)
     apart = {"friction.f_c": np.array([3.0, 0.1])}
-    told = SimpleNamespace(apart=apart, transform=SimpleNamespace(paths=PATHS), loss=Squares())
+    told = SimpleNamespace(priors=apart, transform=SimpleNamespace(paths=PATHS), loss=Squares())
     monkeypatch.setattr(problem, "residual", told)
     monkeypatch.setattr(
         races, "scatter_starts", lambda models, parameters, records, around, held, loss: [(around, held)]

@@ -141,16 +141,6 @@ def test_the_jacobian_left_behind_is_that_at_the_answer():
     np.testing.assert_allclose(state.jacobian[:2], [[-20.0, 10.0], [-1.0, 0.0]], atol=1e-6)
 
 
-def test_a_bound_that_keeps_the_answer_out_is_reached_exactly():
-    solution = solve(line, [0.0, 0.0], low=[-5.0, -1.0], high=[5.0, 5.0])
-    assert solution.result == optx.RESULTS.successful
-    assert float(solution.value[1]) == -1.0
-    # With the second held at -1, the first solves what is left: least squares by hand.
-    a, b = np.asarray(LINES).T
-    rest = 2.0 * a - 2.0 * b
-    assert float(solution.value[0]) == pytest.approx(rest @ a / (a @ a), rel=1e-4)
-
-
 def test_a_valley_that_leads_into_a_bound_ends_there():
     # On the bound, 100 (0.5 - x^2)^2 + (1 - x)^2 has its minimum on the side of the start near -0.7.
     solution = solve(steep, [-1.2, 1.0], low=[-2.0, 0.5], high=[2.0, 2.0])

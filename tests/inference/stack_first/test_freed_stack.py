@@ -45,7 +45,7 @@ def held(misread, law):
         at_bound=lambda free: np.zeros(free.size, bool),
         among=lambda those: np.array([path in those for path in paths]),
     )
-    residual = SimpleNamespace(transform=transform, loss=Squares(), apart={}, fixed={})
+    residual = SimpleNamespace(transform=transform, loss=Squares(), priors={}, fixed={})
     rows = [slice(0, TIME.size), slice(TIME.size, 2 * TIME.size)]
     problem = Namespace(records=records, noise=np.ones(2), residual=residual, rows=rows, rows_apart=slice(0, 0))
     problem.decode = lambda free: dict(zip(paths, free, strict=True))

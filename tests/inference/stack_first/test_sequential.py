@@ -19,7 +19,7 @@ def record(platform_alone, *conditions):
 def problem(*paths):
     """One record of the platform, under "cold", and one of a walk, under "walk" and "warm"."""
     transform = SimpleNamespace(paths=paths, encode=lambda starts: np.zeros(len(paths)))
-    residual = SimpleNamespace(transform=transform, apart=dict.fromkeys(paths))
+    residual = SimpleNamespace(transform=transform, priors=dict.fromkeys(paths))
     return SimpleNamespace(records=(record(True, "cold"), record(False, "walk", "warm")), residual=residual)
 
 

@@ -25,7 +25,7 @@ class Samples(eqx.Module):
     """What was measured."""
 
     measured: tuple[np.ndarray, ...]
-    apart: dict[str, np.ndarray] = eqx.field(default_factory=dict)
+    priors: dict[str, np.ndarray] = eqx.field(default_factory=dict)
 
 
 class LineResidual(eqx.Module):
@@ -75,13 +75,15 @@ def test_of_a_linear_model_it_is_the_textbook_s_normal_distribution():
         assert summary.deviation == pytest.approx(np.std(free[:, i], ddof=1))
 
 
-def test_a_larger_variance_than_the_noise_given_is_drawn():
+def test_a_larger_variance_is_drawn_than_that_of_the_noise_given_but_not_of_noise_that_was_estimated():
     problem, fit = of_a_line(DESIGN @ TRUTH)
-    spread = {}
-    for factor in (1.0, 4.0):
-        replicates = bootstrap(problem, fit, run, factor, Drawing(50), None, lambda message: None)
-        spread[factor] = np.std([replicate.free[0] for replicate in replicates])
-    assert spread[4.0] == pytest.approx(2.0 * spread[1.0])
+    estimated = problem._replace(records=(SimpleNamespace(time=TIME, drive=None, noise=None),))  # pyright: ignore
+    ends = [
+        bootstrap(posed, fit, run, factor, Drawing(2), None, lambda message: None)[0].free - fit.free
+        for posed, factor in ((problem, 1.0), (problem, 4.0), (estimated, 4.0))
+    ]
+    np.testing.assert_allclose(ends[1], 2.0 * ends[0])
+    np.testing.assert_allclose(ends[2], ends[0])
 
 
 def same(some, others):
@@ -162,7 +164,8 @@ def test_what_cannot_be_resumed_is_said(tmp_path, text, said):
         (dict(seed=2**64), "seed: found 18446744073709551616, expected at most 9223372036854775807"),
         (dict(seed=10**5000), "seed: found an integer of 16610 bits, expected at most 9223372036854775807"),
         (dict(seed="a"), "seed: found 'a', expected an integer"),
-        (dict(resampled="x"), 'found "x"'),
+        (dict(resampled="x"), 'resampled: found "x", expected "noise" or "cycles"'),
+        (dict(sampler="gibbs"), 'sampler: found "gibbs", expected "rto" or "nuts"'),
     ],
 )
 def test_a_wrong_drawing_is_refused(wrong, said):
@@ -228,13 +231,6 @@ def test_samples_that_are_left_out_keep_the_phases_of_the_others():
     # No three cycles are whole where every one lacks a sample.
     gappy = np.delete(np.arange(600), np.arange(7, 600, 20))
     assert phases_of(SimpleNamespace(time=1e-3 * gappy, drive=drive)) is None  # pyright: ignore
-
-
-def test_noise_that_was_estimated_is_drawn_as_it_is():
-    problem, fit = of_a_line(DESIGN @ TRUTH)
-    estimated = problem._replace(records=(SimpleNamespace(time=TIME, drive=None, noise=None),))  # pyright: ignore
-    ends = [bootstrap(p, fit, run, 4.0, Drawing(2), None, lambda message: None)[0].free for p in (problem, estimated)]
-    np.testing.assert_allclose(ends[0] - fit.free, 2.0 * (ends[1] - fit.free))
 
 
 def test_replicates_that_fail_and_too_few_of_them_are_said():

@@ -50,7 +50,7 @@ def linear(noise=1.0, misfit=0.0, high=np.inf):
     used = jacobian[:, [0, 1, 2, 3]]
     residual = off - used @ np.linalg.lstsq(used, off, rcond=None)[0]
     records = (record("step", step, True, None), record("5 Hz", cycles, False, 5.0))
-    at = SimpleNamespace(transform=transform(high), apart={}, loss=Squares())
+    at = SimpleNamespace(transform=transform(high), priors={}, loss=Squares())
     bounds, rows = (at.transform.low, at.transform.high), [slice(0, 60), slice(60, 220)]
     problem = SimpleNamespace(
         records=records,

@@ -108,10 +108,10 @@ CURVED = [
 ]
 
 
-def curvature_of(residual, optimum, reach=7.0):
+def curvature_of(residual, optimum):
     """What the searches of all its ends share."""
     evaluate = of(residual)
-    return learn_curvature(evaluate, linearise(evaluate, optimum), THRESHOLD, FREE, reach)
+    return learn_curvature(evaluate, linearise(evaluate, optimum), THRESHOLD, FREE)
 
 
 @pytest.mark.parametrize("residual, start, reach, index, side", CURVED)
@@ -180,7 +180,7 @@ def test_kinks_and_small_jumps_on_the_way_cost_precision_but_no_end():
 @pytest.mark.parametrize("index", [0, 1])
 def test_the_curve_between_the_ends_is_that_of_brute_force(residual, start, reach, index):
     optimum = optimum_of(residual, start)
-    curvature = curvature_of(residual, optimum, reach)
+    curvature = curvature_of(residual, optimum)
     ends = tuple(end_of(residual, optimum, index, side, reach, curvature) for side in (-1.0, 1.0))
     evaluate = of(residual)
     curve = profile_curve(evaluate, linearise(evaluate, optimum), index, ends, THRESHOLD, FREE, curvature, reach)

@@ -8,7 +8,7 @@ import pytest
 from pdssjax.inference import Evidence
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
-from pdssjax.inference.summary import measured_apart
+from pdssjax.inference.summary import measurement_with_pull
 from pdssjax.inference.uncertainty.parameter_errors import standard_errors_of
 
 PATHS = ("piezo.gain", "friction.sigma0", "friction.f_ss")
@@ -39,7 +39,7 @@ def fitted(apart, effect, scatter=1.0):
     free = effect @ off
     ends = np.full(3, np.inf)
     at = SimpleNamespace(
-        transform=ParameterTransform(PATHS, np.zeros(3, bool), np.ones(3), -ends, ends), apart=apart, loss=Squares()
+        transform=ParameterTransform(PATHS, np.zeros(3, bool), np.ones(3), -ends, ends), priors=apart, loss=Squares()
     )
     records = tuple(record(r, r == STEP, given) for r, given in zip(rows, NOISE_GIVEN, strict=True))
     problem = SimpleNamespace(records=records, residual=at, rows=rows, rows_apart=slice(400, len(jacobian)))
@@ -105,7 +105,7 @@ def test_the_pull_after_a_step_taken_before_is_in_standard_deviations_of_chance(
     noise[:, :300] *= np.sqrt(found.factor)
     values, numbers = noise @ whole[1], 0.06 * noise[:, 400]
     pulls = [
-        measured_apart((number, 0.06), value, found.known.matrix[1, 1], found.cov_with_prior[1]).pull
+        measurement_with_pull((number, 0.06), value, found.known.matrix[1, 1], found.cov_with_prior[1]).pull
         for number, value in zip(numbers, values, strict=True)
     ]
     assert np.std(pulls) == pytest.approx(1.0, abs=0.04)

@@ -45,7 +45,7 @@ def errors(design, off, sizes, given, loss=None):
         noise *= np.sqrt(rest @ rest / (len(off) - 3))
     problem = SimpleNamespace(
         records=records,
-        residual=SimpleNamespace(transform=scale, apart={}, loss=loss or Squares()),
+        residual=SimpleNamespace(transform=scale, priors={}, loss=loss or Squares()),
         rows=rows,
         rows_apart=slice(cuts[-1], cuts[-1]),
     )

@@ -136,7 +136,7 @@ def _basis(slopes: Float[np.ndarray, "phases p"]) -> Float[np.ndarray, "phases q
 
 
 def _activity(slopes: Float[np.ndarray, "phases p"]) -> Float[np.ndarray, " phases"]:
-    """How strongly the parameters show at each phase; 1 in the root mean square."""
+    """Sensitivity to the parameters at each phase; 1 in the root mean square."""
     norms = np.linalg.norm(slopes, axis=0)
     if not (norms > 0).any():
         return np.ones(slopes.shape[0])
@@ -150,7 +150,7 @@ def _highest(
     low: Float[np.ndarray, " q"],
     high: Float[np.ndarray, " q"],
 ) -> tuple[Float[np.ndarray, " q"], float]:
-    """Where a function of few numbers is largest, by steps along each of them, and its value there."""
+    """The maximum of a function of few numbers, by steps along each of them, and its value there."""
     values = [function(at) for at in begin]
     best, value = begin[int(np.argmax(values))], max(values)
     for step in _STEPS:
