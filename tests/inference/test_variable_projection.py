@@ -229,8 +229,8 @@ drive = { waveform = "sine", voltage = "80 V", frequency = "1 Hz" }
 
 @pytest.mark.slow
 def test_a_ladder_of_creep_a_decade_off_is_left(tmp_path):
-    interval, fine, taus = 0.01, 20, (0.02, 0.2)
-    times = np.arange(1000 * fine) * interval / fine
+    interval, fine, taus = 0.002, 4, (0.05, 0.5)
+    times = np.arange(5000 * fine) * interval / fine
     volts = 40.0 * (1.0 - np.cos(2 * np.pi * times))
     low_pass = lambda signal, tau: lfilter(
         [0.0, 1.0 - np.exp(-interval / fine / tau)], [1.0, -np.exp(-interval / fine / tau)], signal
@@ -240,7 +240,7 @@ def test_a_ladder_of_creep_a_decade_off_is_left(tmp_path):
         z = np.clip(z, volt - thresholds, volt + thresholds)
         aim[k] += z @ [1e-8, 0.8e-8]
     aim += sum(share * low_pass(volts, tau) for share, tau in zip((1.5e-9, 2e-9), taus, strict=True))
-    motion = 1e6 * low_pass(aim, 1e-3)[::fine] + np.random.default_rng(0).normal(0.0, 1e-3, 1000)
+    motion = 1e6 * low_pass(aim, 1e-3)[::fine] + np.random.default_rng(0).normal(0.0, 1e-3, 5000)
     write_columns(tmp_path / "sine.csv", "time_s,y_um", times[::fine], motion, digits="%.7g")
     found = pdssjax.identify(loaded(tmp_path, LADDER)).parameters["piezo.creep_time"]
     # The other valley, where the first element takes the place of the second and that is unused, is 10 higher.
