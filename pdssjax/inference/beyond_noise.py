@@ -1,7 +1,7 @@
 """Tests whether the residuals of a record are more than its noise.
 
 Where the noise is given, residuals are judged by chi-square.  Where it is not, it is estimated from the residuals, and
-chi-square is their number whatever the fit; the witness then is the scatter of second differences
+chi-square equals the number of samples for any fit; a misfit then shows beside the scatter of second differences
 (`metrics.scatter_floor`), which a smooth misfit hardly enters.  Nor does noise whose neighbours are alike; but that is
 as large along all of a record, and a misfit is not (`metrics.unevenness`).
 """

@@ -7,8 +7,9 @@ move the prediction of all others by as much as noise.  So the others are not ju
 but by what the optimum of them alone would, to first order.
 
 **More than noise.**  Where a record's noise is given, its residuals are judged by chi-square.  Where it is not, the
-noise is estimated from the residuals and chi-square is their number whatever the fit; what repeats from cycle to cycle
-tells then, and what is alike in neighbours, unless it is as large along all of each record: that is coloured noise.
+noise is estimated from the residuals, and chi-square equals the number of samples for any fit.  Then a misfit shows by
+what repeats from cycle to cycle, and by neighbours that are alike, unless they are as large along all of each record:
+that is coloured noise.
 In a wrong optimum that is nearly as good as the right one the records ask for different parameters long before their
 residuals are visibly too large: each has a wrong optimum of its own there.
 

@@ -27,7 +27,7 @@ class Accuracy(eqx.Module):
     settle_tolerance: ScalarLike = eqx.field(default=3e-14, converter=as_number)
     """Deviation [m] from the steady solution below which the remainder of a segment is not stepped.
 
-    Smaller by as much as derivatives of what rings are larger than the motion.
+    Well below the accuracy of the motion: derivatives of what rings exceed it by the angle it has turned.
     """
     method: AbstractStepMethod = Taylor()
     """The one-step method for the smooth pieces."""
@@ -46,9 +46,9 @@ class Accuracy(eqx.Module):
     def effective_settle_tolerance(self) -> Scalar:
         """`settle_tolerance`, but above the noise of the method, and above rounding.
 
-        What is left of a motion below that reverses where rounding has it, and such an event has no derivative.
+        Below that amplitude rounding decides when a velocity reverses, and such an event has no derivative.
         """
-        return jnp.maximum(jnp.maximum(self.settle_tolerance, self.method.noise * self.tolerance), ROUNDING)
+        return jnp.maximum(jnp.maximum(self.settle_tolerance, self.method.velocity_noise * self.tolerance), ROUNDING)
 
 
 TIGHT = Accuracy(tolerance=1e-15, settle_tolerance=1e-15)

@@ -263,7 +263,8 @@ def _run_derivatives_jvp(
 
 def _finer(accuracy: Accuracy) -> Accuracy:
     """For second derivatives: each order of derivatives loses digits."""
-    tolerances = {name: accuracy.method.finer * getattr(accuracy, name) for name in ("tolerance", "settle_tolerance")}
+    factor = accuracy.method.second_derivative_factor
+    tolerances = {name: factor * getattr(accuracy, name) for name in ("tolerance", "settle_tolerance")}
     return dataclasses.replace(accuracy, **tolerances)
 
 

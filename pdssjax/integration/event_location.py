@@ -87,7 +87,7 @@ class _Divided:
         self._bends = short & ~self._rises & (thrice > 0.0) & (once + soon * (twice + soon * thrice) > 0.0)
 
     def _of(self, rungs: Sequence[Guards]) -> Guards:
-        """Which of the four lowest rungs counts."""
+        """The coefficient that is left once a root at 0, of order 0 to 3, is divided out."""
         none, once, twice, thrice = rungs[:4]
         return choose(self._bends, thrice, choose(self._rises, twice, choose(self.begins_at_zero, once, none)))
 

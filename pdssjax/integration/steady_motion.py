@@ -26,7 +26,7 @@ _NEUTRAL = 1e-6
 """Distance from 1 within which a multiplier is 1 but for rounding: what began never dies out."""
 
 _FAR = 10.0
-"""An orbit is not what the cycles approach, so many times as far from the last one as their distances let expect."""
+"""An orbit so many times farther from the last cycle than the distances between cycles predict is rejected."""
 
 Carry = TypeVar("Carry")
 """A pytree of arrays."""

@@ -165,8 +165,8 @@ def end_to_second_order(
 ) -> Float[Array, " begin"]:
     """The end of a step, right to the second derivative: it moves along the motion, not along its tangent.
 
-    The shift of its time is zero in value, so that its square is all that the motion, and half the bend of its margin
-    over the slope all that the time of an event, needs besides the tangent.
+    The shift of its time is zero in value, so that second order adds one term in its square: x''/2 to the motion, and
+    -g''/(2 g') to the time of an event with the margin g.
     """
     step, unflatten = read(row), unflattener(system)
     segment, begin, mode, which = system.segment(step.index), unflatten(step.begin), step.mode, step.which

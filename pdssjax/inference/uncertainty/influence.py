@@ -92,7 +92,7 @@ def _inside(
 
 
 def pseudo_inverse(jacobian: Float[np.ndarray, "n p"]) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "p k"]]:
-    """U and L of that of a Jacobian, L U'; L has the principal directions."""
+    """Factors U and L of the pseudo-inverse J+ = L U'; the columns of L are the principal directions."""
     norms = np.linalg.norm(jacobian, axis=0)
     norms = np.where(norms > 0, norms, np.inf)
     left, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)

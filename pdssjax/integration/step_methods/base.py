@@ -47,9 +47,9 @@ class AbstractStepMethod(eqx.Module):
     `opaque_one` is a 1 unknown to the compiler: see `taylor_series`.
     """
 
-    noise: ClassVar[float]
+    velocity_noise: ClassVar[float]
     """Tolerances below which the sign of a small velocity means nothing: its reversals are not events."""
-    finer: ClassVar[float]
+    second_derivative_factor: ClassVar[float]
     """Factor on the tolerances for second derivatives, above where rounding decides how long a step is."""
 
     @property

@@ -29,8 +29,8 @@ class OneStep(AbstractStepMethod):
 
     solver: Solver = diffrax.Tsit5()
     degree: int = eqx.field(static=True, default=8)
-    noise: ClassVar[float] = 10.0
-    finer: ClassVar[float] = 0.01
+    velocity_noise: ClassVar[float] = 10.0
+    second_derivative_factor: ClassVar[float] = 0.01
 
     @property
     def span(self) -> float:

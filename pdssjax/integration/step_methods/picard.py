@@ -37,8 +37,8 @@ class Picard(AbstractStepMethod):
     """Collocation at Chebyshev points of a given degree, for fields that are not stiff."""
 
     degree: int = eqx.field(static=True, default=14)
-    noise: ClassVar[float] = 10.0
-    finer: ClassVar[float] = 0.01
+    velocity_noise: ClassVar[float] = 10.0
+    second_derivative_factor: ClassVar[float] = 0.01
 
     @property
     def span(self) -> float:

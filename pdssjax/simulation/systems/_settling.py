@@ -150,10 +150,10 @@ def _left(
     platform, slowest = jnp.asarray(actuator.piezo.frequency_scale(), float), slowest_frequency(actuator)
     of_contact = sum([2.0 * jnp.abs(v) / slowest, *of_contact_and_sensor])
     # A contact slower than the platform is displaced by more than it rings: by inertia over stiffness.
-    platform_parameters = (platform / slowest) ** 2 * ringing
+    of_platform = (platform / slowest) ** 2 * ringing
     phase = lambda frequency: jnp.maximum(1.0, frequency * t_local / _ANGLE)
     fastest = jnp.maximum(*_contact_frequencies(actuator))
-    return of_contact + platform_parameters, of_contact * phase(fastest) + platform_parameters * phase(platform)
+    return of_contact + of_platform, of_contact * phase(fastest) + of_platform * phase(platform)
 
 
 def _steady_platform(

@@ -65,8 +65,8 @@ def mode_from_rest(
         margins_rate = lambda e: jax.jvp(lambda e: margins(e, bends), (e,), (unit,))[1]
         ahead = ahead + 0.5 * LOOK_AHEAD**2 * jax.jvp(margins_rate, (zero,), (unit,))[1]
     upper, lower = ahead
-    # A rest that any motion leaves (the deflection reading's under some loads) was crept into in the mode in which the
-    # contact carries the load, and is left in that.
+    # An unstable equilibrium (of the deflection reading under some loads) is entered and left in the sliding mode in
+    # which the friction balances the load.
     pull = jnp.asarray(actuator.effector.pull(), float)
     missing = lambda sign: jnp.abs(actuator.friction.breakaway_force(x.contact_state, sign) + pull)
     crept_in = jnp.where(missing(ADVANCING) <= missing(RETREATING), ADVANCING, RETREATING)

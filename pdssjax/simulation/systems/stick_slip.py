@@ -113,8 +113,8 @@ class StickSlip(AbstractHybridSystem):
         # A settled contact knows no guards but those of the platform and of the stop, which end its rest.
         turns = (which < 2) | (mode == SETTLED)
         # The platform's acceleration may jump at an event of its own, and past what holds a contact that stuck.
-        platform_parameters = (which >= 2 + laws) & (which < 2 + laws + others)
-        is_asked = turns | ((mode == STUCK) & platform_parameters)
+        is_platform_event = (which >= 2 + laws) & (which < 2 + laws + others)
+        is_asked = turns | ((mode == STUCK) & is_platform_event)
         begins = is_asked & (jnp.abs(following) == 1.0)
         contact = chosen(begins, friction.on_reversal(x.contact_state, following), x.contact_state)
         if laws:
@@ -232,15 +232,15 @@ class StickSlip(AbstractHybridSystem):
     def is_carried_back(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
         """Whether it is a law's own event, or a reversal of a contact or a voltage at rest to within `amplitude` [m].
 
-        What the first holds of a phase the next reversal makes good.
+        A law's own event may drop the phase from its derivatives: the next reversal restores it.
         """
         slides = jnp.abs(mode) == 1.0
         first, law = self.initial(), self.actuator.friction
         laws = len(law.guards(first.contact_state, first.v, ADVANCING))
-        stack_parameters = self.actuator.driven_platform.is_small_event(slope, which - 2 - laws, amplitude)
+        is_small_platform_event = self.actuator.driven_platform.is_small_event(slope, which - 2 - laws, amplitude)
         slow = jnp.abs(slope) < amplitude * self.actuator.piezo.frequency_scale() ** 2
         of_contact = slides & (((which < 2) & slow) | ((which >= 2) & (which < 2 + laws)))
-        return of_contact | stack_parameters
+        return of_contact | is_small_platform_event
 
     def force(self, segment: Segment, t_local: Scalar, x: StickSlipState[Scalar], mode: Scalar) -> Scalar:
         """Friction force [N] in any mode; settled and stuck it is F*, the force that keeps v = 0."""

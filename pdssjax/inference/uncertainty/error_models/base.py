@@ -37,7 +37,7 @@ class RecordErrors(NamedTuple):
     noise_freedom: float = float("inf")
     """Degrees of freedom from which the size of white noise is known; infinite where it is given and not exceeded."""
     pooled: bool = False
-    """These are of all records whose noise is given, and theirs, too."""
+    """Whether both degrees of freedom are those of all records whose noise is given, taken together."""
     outlying: Bool[np.ndarray, " n"] | None = None
     """Which samples stand out of the residuals: glitches, by their size noise and no misfit; None: no sample."""
 

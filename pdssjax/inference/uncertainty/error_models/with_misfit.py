@@ -5,13 +5,13 @@
 The misfit g is a Gaussian process in the phase of the drive, shared by all cycles of a record (Z says which sample
 belongs to which phase): more cycles do not average it away.  It is as M. C. Kennedy and A. O'Hagan, J. R. Statist. Soc.
 B 63(3), 2001, have it, marginalised as the zero of a record is; its size and length K are those that explain the mean
-residuals best, what the fit could take up set aside (`phase_process`).  Samples that stand out are noise, by their
+residuals best, what the fit could take up set aside.  Samples that stand out are noise, by their
 size, and say nothing of a misfit.
 
 Where a record does not repeat, misfit and slow noise cannot be told apart: its residuals are white noise, of the size
 that neighbours show, and a process in time.
 
-A misfit as a Gaussian process in phase, its size and length by restricted marginal likelihood.
+The misfit's size and length are those of the greatest restricted marginal likelihood:
 
     mean residual = J d + zero + g + noise,   cov(g) = s(phi) s(phi') k(distance / length),   s^2 = a^2 + b^2 v^2
 
