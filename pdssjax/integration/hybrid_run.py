@@ -182,7 +182,7 @@ def _solved_own(
     run = _finite(integrate_steps(system, t1, accuracy))
     seen = states_at(system, run, ts)
     reached = ts <= jnp.where(run.failure > 0, run.end.time, t1)
-    ys = jax.tree.map(lambda leaf: _known(leaf, reached, throw), seen.x)
+    ys = jax.tree.map(lambda leaf: _nan_if_unknown(leaf, reached, throw), seen.x)
     modes = jnp.where(reached, seen.mode.astype(int), -1)
     split = jax.vmap(unflattener(system))
     events = _events(run, 0.0, 1.0, split, max_events, jnp.inf, throw & (run.failure > 0))
@@ -241,7 +241,7 @@ def _solved(
     sound = _sound_until(flat, run)
     stopped = jnp.where(run.failure > 0, run.end.time, 1.0)
     reached = (parts >= -1e-12) & (parts <= stopped + 1e-12) & (parts < sound) & (flat.span > 0.0)
-    ys = flat.layout.split(_known(jnp.stack(seen.x, axis=-1), reached[:, None], throw))
+    ys = flat.layout.split(_nan_if_unknown(jnp.stack(seen.x, axis=-1), reached[:, None], throw))
     modes = jnp.where(reached, flat.modes_of(seen.mode), -1)
     result = jnp.where((run.failure != 2) & jnp.isfinite(sound), 3, run.failure)
     result = jnp.where(flat.span > 0.0, result, 4)
@@ -249,10 +249,10 @@ def _solved(
     return Solution(ts, ys, modes, events, _stats(run), flat.t0 + flat.span * jnp.minimum(stopped, sound), result)
 
 
-def _known(values: Float[Array, "..."], known: Bool[Array, "..."], fails: bool | Bool[Array, ""]) -> Array:
-    """The values that are known, and NaN; where the run `fails`, with derivatives of NaN.
+def _nan_if_unknown(values: Float[Array, "..."], known: Bool[Array, "..."], fails: bool | Bool[Array, ""]) -> Array:
+    """The `values` where they are known, NaN elsewhere; where the run `fails`, derivatives there are NaN, too.
 
-    A derivative drops the error with the values that it hangs on, and would be 0 behind a mask.
+    Behind a mask they would be 0 and pass for right, as `jit` drops the error with the values that nobody asks for.
     """
     return jnp.where(known | fails, values * jnp.where(known | ~jnp.asarray(fails), 1.0, jnp.nan), jnp.nan)
 
@@ -287,8 +287,8 @@ def _events(
     listed &= times <= sound
     after = jnp.where(last[:, None], end.x, steps.x[following])
     before = _along(steps.polynomials[rows], times - begins[rows])
-    shown = lambda x: split(_known(x, listed[:, None], fails))
-    ts = _known(t0 + span * times, listed, fails)
+    shown = lambda x: split(_nan_if_unknown(x, listed[:, None], fails))
+    ts = _nan_if_unknown(t0 + span * times, listed, fails)
     return Events(ts, jnp.where(listed, steps.which[rows], -1), shown(before), shown(after), run.events)
 
 
