@@ -12,7 +12,7 @@ import pdssjax
 from pdssjax import Accuracy, Actuator, InputError
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.coulomb import Coulomb
-from pdssjax.integration import HybridSystem, integrate, integrate_steps, visit
+from pdssjax.integration import HybridSystem, integrate, integrate_steps, sample_run
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import StickSlip
 
@@ -67,4 +67,4 @@ def test_an_entrance_refuses_it_by_name(name, tmp_path):
 
 def test_so_does_every_run_of_an_integrator():
     with jax.enable_x64(False), pytest.raises(InputError, match=r"pdssjax\.integration: found JAX in single"):
-        visit(StickSlip(*moved()), jnp.asarray(TIMES), Accuracy())
+        sample_run(StickSlip(*moved()), jnp.asarray(TIMES), Accuracy())

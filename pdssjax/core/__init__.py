@@ -75,11 +75,11 @@ if TYPE_CHECKING:
     from .presentation import (
         Figure as Figure,
         clear_bar as clear_bar,
-        counted_in_notebook as counted_in_notebook,
         draw_in_notebook as draw_in_notebook,
+        notebook_counter as notebook_counter,
+        notebook_progress as notebook_progress,
         present_with as present_with,
         presenter as presenter,
-        told_in_notebook as told_in_notebook,
     )
     from .process import (
         installed_versions as installed_versions,

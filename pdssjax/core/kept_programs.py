@@ -130,14 +130,14 @@ class KeptFunction(Generic[P, R]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """What the function gives; compiled with what calls it where that is being traced."""
-        call = None if kwargs or not _can_be_kept() else self._asked(args)
+        call = None if kwargs or not _can_be_kept() else self._call_of(args)
         if call is None:
             return self._jitted(*args, **kwargs)
         return self._slot(call).program(call)(call.arrays)
 
     def prepared(self, *args: P.args, **kwargs: P.kwargs) -> Lowered:
         """The function for arguments like these, traced unless it is kept; its `compile` may go on in a thread."""
-        call = None if kwargs or not _can_be_kept() else self._asked(args)
+        call = None if kwargs or not _can_be_kept() else self._call_of(args)
         if call is None:
             return self._jitted.lower(*args, **kwargs)  # pyright: ignore[reportFunctionMemberAccess]
         slot = self._slot(call)
@@ -148,7 +148,7 @@ class KeptFunction(Generic[P, R]):
         with self._lock:
             self._programs.clear()
 
-    def _asked(self, args: tuple[Any, ...]) -> "_Call | None":
+    def _call_of(self, args: tuple[Any, ...]) -> "_Call | None":
         """The call with these arguments; None where they are being traced."""
         leaves, tree = jax.tree.flatten(args)
         arrays: list[Any] = []

@@ -99,14 +99,14 @@ class NotebookProgress:
             self._handle.update(_Shown(""))
 
 
-def told_in_notebook() -> NotebookProgress | None:
+def notebook_progress() -> NotebookProgress | None:
     """A display of lines of text with a bar; None outside a notebook."""
     return NotebookProgress() if in_notebook() else None
 
 
-def counted_in_notebook(what: str) -> Callable[[int, int], None] | None:
+def notebook_counter(what: str) -> Callable[[int, int], None] | None:
     """A notebook's display of how many `what` are done, and of how many; None outside a notebook."""
-    show = told_in_notebook()
+    show = notebook_progress()
     return None if show is None else lambda done, count: show(f"{done} of {count} {what}")
 
 

@@ -370,6 +370,6 @@ def _drives(
     ways = list(words.values()) if words and kind != "platform" else [None]
     made = []
     for numbers in itertools.product(*axes.values()):
-        drive = base.told_by_peak().with_numbers(dict(zip(axes, numbers, strict=True)))
+        drive = base.with_peak_voltage().with_numbers(dict(zip(axes, numbers, strict=True)))
         made += [drive if way is None else dataclasses.replace(drive, direction=way) for way in ways]
     return [drive for drive in made if not drive.broken_conditions()]

@@ -330,7 +330,7 @@ def _walk(request: _Request) -> Experiment:
     drives = [r.drive for r in request.study.records if r.drive is not None and r.drive.flanks() is not None]
     if not drives:
         drives = [Sawtooth()]
-    drive = drives[0].told_by_peak().with_numbers({"voltage": voltage, "frequency": frequency})
+    drive = drives[0].with_peak_voltage().with_numbers({"voltage": voltage, "frequency": frequency})
     return Experiment("effector", drive, None, ())
 
 

@@ -111,7 +111,7 @@ class AbstractDrive(AbstractModel):
         """Whether the voltage or its rate jumps, at t = 0 or later; not traced."""
         return True
 
-    def told_by_peak(self) -> Self:
+    def with_peak_voltage(self) -> Self:
         """This drive with its peak as the number "voltage", as a generator is set; not traced.
 
         By default as it is.

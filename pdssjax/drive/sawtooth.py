@@ -45,7 +45,7 @@ class Sawtooth(AbstractDrive):
     def _peak(self) -> ScalarLike:
         return self.voltage * (1.0 - self.told_by * jnp.minimum(self._fall() * self.frequency, 1.0))
 
-    def told_by_peak(self) -> Self:
+    def with_peak_voltage(self) -> Self:
         return dataclasses.replace(self, voltage=float(self._peak()), told_by=0.0)
 
     def segment(self, index: Scalar) -> Segment:

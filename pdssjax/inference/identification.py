@@ -19,9 +19,9 @@ from ..core import (
     member,
     members,
     nearest,
+    notebook_progress,
     one_blas_thread,
     require_float64,
-    told_in_notebook,
 )
 from ..integration import Accuracy, accuracy_with
 from ..study import OWN_MINIMISER, Estimate, Study, Values
@@ -134,7 +134,7 @@ def identify(
         accuracy=integrator,
         minimiser=minimiser,
         referee=check_accuracy(check_with, integrator),
-        report=progress or told_in_notebook() or quiet,
+        report=progress or notebook_progress() or quiet,
         excused=functools.partial(due_to_stack, study, stack, integrator) if stack else None,
         effort=effort_of(effort),
         begun=begun,

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .hybrid_system import HybridSystem as HybridSystem
     from .periodic_orbit import SHORT as SHORT, moved_orbit as moved_orbit
     from .restart import flat as flat, restarted as restarted
+    from .sampled_run import exact_states_at as exact_states_at, is_closed as is_closed, sample_run as sample_run
     from .solution import SteppedRun as SteppedRun, integrate_steps as integrate_steps, states_at as states_at
     from .solver_names import (
         SOLVERS as SOLVERS,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from .system import (
         SETTLED as SETTLED,
         AbstractHybridSystem as AbstractHybridSystem,
-        Visited as Visited,
+        SampledStates as SampledStates,
         unflattener as unflattener,
     )
     from .taylor_series import (
@@ -49,7 +50,6 @@ if TYPE_CHECKING:
         weighted as weighted,
     )
     from .taylor_solver import TaylorSolver as TaylorSolver
-    from .visited_states import exact_states_at as exact_states_at, is_closed as is_closed, visit as visit
 else:
     from ..core.lazy import lazy_exports
 

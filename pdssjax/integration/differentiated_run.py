@@ -144,7 +144,7 @@ class RunFacts(NamedTuple):
     loop: LoopState
 
 
-class Reach(NamedTuple):
+class RunExtent(NamedTuple):
     """How far a run goes, and is read."""
 
     horizon: Scalar
@@ -159,19 +159,19 @@ def steps_of(
     system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> tuple[Begins, Float[Array, " begin"], Float[Array, "room kept coefficients"], RunFacts]:
     """The begin and the polynomials of every step to the `horizon` [s], the end of the run, and what else is known."""
-    reach = Reach(horizon, jnp.zeros((), int))
-    derivatives, facts = _results_of_run((*_all_fixed(system), None), 0, reach, accuracy, keep)
+    extent = RunExtent(horizon, jnp.zeros((), int))
+    derivatives, facts = _results_of_run((*_all_fixed(system), None), 0, extent, accuracy, keep)
     return derivatives.begins[0], derivatives.end[0], derivatives.shown[0][0], facts
 
 
 def components_at(
-    system: AbstractHybridSystem, times: Float[Array, " m"], reach: Reach, accuracy: Accuracy, keep: Keep
+    system: AbstractHybridSystem, times: Float[Array, " m"], extent: RunExtent, accuracy: Accuracy, keep: Keep
 ) -> tuple[Begins, Float[Array, " begin"], Float[Array, "m kept"], RunFacts]:
     """The begins of the repeated period and of the steps of `times` [s]; the end; the components kept at the times.
 
-    What belongs to times beyond those of the `reach` is unknown.
+    What belongs to times beyond those of the `extent` is unknown.
     """
-    derivatives, facts = _results_of_run((*_all_fixed(system), times), 0, reach, accuracy, keep)
+    derivatives, facts = _results_of_run((*_all_fixed(system), times), 0, extent, accuracy, keep)
     return derivatives.begins[0], derivatives.end[0], derivatives.shown[0][0], facts
 
 
@@ -179,23 +179,23 @@ def _all_fixed(system: AbstractHybridSystem) -> tuple[Any, Any]:
     return eqx.partition(system, lambda _: False)
 
 
-Asked: TypeAlias = tuple[Any, Any, Float[Array, " m"] | None]
+RunInputs: TypeAlias = tuple[Any, Any, Float[Array, " m"] | None]
 """The leaves of a system by which derivatives are taken, the other ones, and the times [s]; None: of every step."""
 
 
 def _results_of_run(
-    asked: Asked, order: int, reach: Reach, accuracy: Accuracy, keep: Keep
+    inputs: RunInputs, order: int, extent: RunExtent, accuracy: Accuracy, keep: Keep
 ) -> tuple[RunDerivatives, RunFacts]:
     """The results of a run: those with derivatives, up to `order`, and those without."""
     function = partial(_run_derivatives, order=order, keep=keep)
-    return ruled_call(function, partial(_run_derivatives_jvp, order=order, keep=keep), asked, reach, accuracy)
+    return ruled_call(function, partial(_run_derivatives_jvp, order=order, keep=keep), inputs, extent, accuracy)
 
 
 def _run_derivatives(
-    asked: Asked, reach: Reach, accuracy: Accuracy, order: int, keep: Keep
+    inputs: RunInputs, extent: RunExtent, accuracy: Accuracy, order: int, keep: Keep
 ) -> tuple[RunDerivatives, RunFacts]:
-    moving, fixed, times = asked
-    horizon, wanted, known = reach
+    moving, fixed, times = inputs
+    horizon, wanted, known = extent
     table, loop = find_steps(eqx.combine(moving, fixed), horizon, accuracy) if known is None else known
     size = table.shape[1] - KNOWN_COLUMNS
     carry, tile = differentiated_steps(moving, fixed, accuracy, keep, size, order)
@@ -222,19 +222,19 @@ def _run_derivatives(
 
 
 def _run_derivatives_jvp(
-    primals: tuple[Asked, Reach, Accuracy], tangents: tuple[Asked, Any, Any], order: int, keep: Keep
+    primals: tuple[RunInputs, RunExtent, Accuracy], tangents: tuple[RunInputs, Any, Any], order: int, keep: Keep
 ) -> tuple[tuple[RunDerivatives, RunFacts], tuple[RunDerivatives, Any]]:
     if order == _HIGHEST:
         raise NotImplementedError(
             f"found a derivative of order {order + 1} of an integrated motion, expected at most {_HIGHEST}: "
             "use differences of the second derivatives."
         )
-    (moving, fixed, times), reach, accuracy = primals
+    (moving, fixed, times), extent, accuracy = primals
     (moving_dot, fixed_dot, times_dot), _, _ = tangents
     moving, fixed, direction, before = _more_moving(moving, fixed, moving_dot, fixed_dot)
     if order + 1 == _HIGHEST:
         accuracy = _finer(accuracy)
-    more, facts = _results_of_run((moving, fixed, times), order + 1, reach, accuracy, keep)
+    more, facts = _results_of_run((moving, fixed, times), order + 1, extent, accuracy, keep)
     # Derivatives by what moved before, and their tangents along the direction.
     of = lambda derivative, i: _taken(derivative, before, i)
     # The direction comes first: of many that are mapped over, the results lie in order.

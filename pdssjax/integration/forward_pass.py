@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..core import Count, Scalar
 from .accuracy import Accuracy
-from .one_step import fineness, one_step
+from .one_step import one_step, step_control
 from .step_table import KNOWN_COLUMNS, LoopState, Table, TakenSteps, initial_loop_state, pack
 from .system import AbstractHybridSystem, State, unflattener
 from .tiles import BLOCK
@@ -32,7 +32,7 @@ Filled: TypeAlias = tuple[Float[Array, " scalars"], Table, Count]
 """Carry, table, blocks of the table that are filled."""
 
 
-class Reached(NamedTuple):
+class StatesAtTimes(NamedTuple):
     """The result of an integration that kept no steps."""
 
     x: State
@@ -58,7 +58,7 @@ def find_steps(
     **Arguments:** a `table` of another run, which is written over: in a loop over runs it is cleared only once.
     """
     table = empty_table(system, accuracy) if table is None else table
-    finely = fineness(accuracy)
+    control = step_control(accuracy)
     loop = initial_loop_state(system)
     start, unpack = pack(loop)
     blocks = -(-accuracy.max_steps // _BLOCK)
@@ -66,7 +66,7 @@ def find_steps(
 
     def step(carry: Filling) -> Filling:
         packed, filled, block = carry
-        moved, row, accepted = one_step(system, horizon, finely, unpack(packed), True)
+        moved, row, accepted = one_step(system, horizon, control, unpack(packed), True)
         block = lax.dynamic_update_index_in_dim(block, row, filled, 0)
         return pack(moved)[0], filled + accepted, block
 
@@ -86,7 +86,7 @@ def find_steps(
     return table, loop._replace(**whole, repeats=loop.repeats > 0)
 
 
-def integrate_to_times(system: AbstractHybridSystem, times: Float[Array, " m"], accuracy: Accuracy) -> Reached:
+def integrate_to_times(system: AbstractHybridSystem, times: Float[Array, " m"], accuracy: Accuracy) -> StatesAtTimes:
     """The state at each of the ascending `times` [s], shape (m,), without keeping the steps between.
 
     For sweeps: little memory, no derivatives, no repetition of periods.
@@ -100,7 +100,7 @@ def integrate_to_times(system: AbstractHybridSystem, times: Float[Array, " m"], 
     packed, states = lax.scan(go, start, times)
     loop = state(packed)
     failure = jnp.where((loop.done == 0) & (loop.failure == 0), 1.0, loop.failure).astype(int)
-    return Reached(unflattener(system)(states.T), loop.count.astype(int), loop.rejected.astype(int), failure)
+    return StatesAtTimes(unflattener(system)(states.T), loop.count.astype(int), loop.rejected.astype(int), failure)
 
 
 def time_stepper(
@@ -110,14 +110,14 @@ def time_stepper(
 
     It takes no more steps than it is told, counted from the first on; one that has failed stays where it is.
     """
-    finely = fineness(accuracy)
+    control = step_control(accuracy)
     start, unpack = pack(initial_loop_state(system))
 
     def advance(packed: Packed, time: Scalar, most: int | Count) -> Packed:
         loop = unpack(packed)
         packed = pack(loop._replace(done=jnp.where(loop.failure > 0, 1.0, 0.0)))[0]
         running = lambda packed: (unpack(packed).done == 0) & (unpack(packed).count < most)
-        step = lambda packed: pack(one_step(system, time, finely, unpack(packed), False)[0])[0]
+        step = lambda packed: pack(one_step(system, time, control, unpack(packed), False)[0])[0]
         return lax.while_loop(running, step, packed)
 
     return start, advance, unpack

@@ -91,7 +91,7 @@ def new_period(
     return opens, opens & (loop.period_start_settled > 0) & (mode == SETTLED) & same
 
 
-class Fineness(NamedTuple):
+class StepControl(NamedTuple):
     """Settings of the accuracy that a step needs."""
 
     method: AbstractStepMethod
@@ -101,9 +101,9 @@ class Fineness(NamedTuple):
     """So many rejections are too many."""
 
 
-def fineness(accuracy: Accuracy) -> Fineness:
+def step_control(accuracy: Accuracy) -> StepControl:
     array = lambda number: jnp.asarray(number, float)
-    return Fineness(
+    return StepControl(
         accuracy.method,
         array(accuracy.tolerance),
         array(accuracy.effective_settle_tolerance),
@@ -114,7 +114,7 @@ def fineness(accuracy: Accuracy) -> Fineness:
 # Traced once for values and once for derivatives: search, fit and prediction differ in numbers only.
 @eqx.filter_jit
 def one_step(
-    system: AbstractHybridSystem, horizon: Scalar, finely: Fineness, loop: LoopState, repeating: bool
+    system: AbstractHybridSystem, horizon: Scalar, control: StepControl, loop: LoopState, repeating: bool
 ) -> tuple[LoopState, Float[Array, " columns"], Truth]:
     """One attempt: the new carry, its row for the table, and whether it was accepted."""
     unflatten = unflattener(system)
@@ -123,13 +123,13 @@ def one_step(
     last = loop.origin + segment.duration >= horizon
     finish = jnp.where(last, horizon - loop.origin, segment.duration)
     remaining = jnp.maximum(finish - loop.t_local, 0.0)
-    piece = attempt(system, segment, loop, finely.method, finely.tolerance, remaining, opaque_one)
+    piece = attempt(system, segment, loop, control.method, control.tolerance, remaining, opaque_one)
     duration, event, which, x = until_event(system, segment, loop, piece, opaque_one)
     t_local = loop.t_local + duration
     ended = ~event & (duration >= remaining)
     corner = ended & ~last
     x, mode, becomes_settled = _afterwards(
-        system, segment, loop, t_local, x, event, which, ended, finely.settle_tolerance, opaque_one
+        system, segment, loop, t_local, x, event, which, ended, control.settle_tolerance, opaque_one
     )
     x = kept(x, opaque_one)
     row = written(
@@ -144,9 +144,9 @@ def one_step(
         x = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, x)
     opening = opening / opaque_one
     cycle = system.period() if repeating else None
-    opens, repeats = new_period(cycle, system, finely.settle_tolerance, unflatten, loop, ahead, x, mode, corner)
+    opens, repeats = new_period(cycle, system, control.settle_tolerance, unflatten, loop, ahead, x, mode, corner)
     finite = jnp.isfinite(sum(jax.tree.leaves(x))) & (duration >= 0)
-    hopeless = ~piece.accepted & (loop.rejected > finely.patience)
+    hopeless = ~piece.accepted & (loop.rejected > control.patience)
     failure = jnp.where((piece.accepted & ~finite) | hopeless, 2.0, 0.0)
     moved = LoopState(
         index=loop.index + corner,

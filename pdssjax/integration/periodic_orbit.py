@@ -20,8 +20,8 @@ from jaxtyping import Array, Bool, Float
 from ..core import Count, Scalar, ScalarLike
 from .accuracy import Accuracy
 from .restart import flat, restarted
+from .sampled_run import sample_run
 from .system import AbstractHybridSystem, unflattener
-from .visited_states import visit
 
 SHORT = 1e-10
 """A cycle is looked at this part of a period before its end, so that the corner there is the next period's.
@@ -127,7 +127,7 @@ def cycle_end(
     """
     duration = jnp.asarray(duration, float) * count
     horizon, moving = duration * (1.0 - SHORT), restarted(system, x)
-    run = visit(moving, jnp.zeros(0), accuracy, keep=(0,), horizon=horizon)
+    run = sample_run(moving, jnp.zeros(0), accuracy, keep=(0,), horizon=horizon)
     # What is left to the end of the period, in value and in derivative: where the last step ends moves with the events.
     end = lax.stop_gradient(run.end)
     segment = moving.segment(end.index)

@@ -43,6 +43,9 @@ Ends: TypeAlias = tuple[Float[Array, "begin *parameters"], ...]
 _PAIRS = 64
 """Pairs of parameters by which second derivatives are taken side by side: bounds the memory."""
 
+_LOST = 3e-4
+"""Part of the second derivatives that may be dropped with what is left of a motion that has settled."""
+
 
 class StepDerivatives(NamedTuple):
     """Derivatives of the steps of a tile; the axes of the parameters come last."""
@@ -92,15 +95,36 @@ def differentiated_steps(
             return first, StepDerivatives((begins,), (polynomials, slopes))
         unit = jnp.broadcast_to(jnp.eye(parameters.size), (len(rows), parameters.size, parameters.size))
         along = jnp.concatenate([begins, unit], axis=1)
-        end_bends, bends = _bent(moving, fixed, method, tolerance, keep, rows, along)
+        end_bends, bends = _second_derivatives(moving, fixed, method, tolerance, keep, rows, along)
         second, (begin_bends,) = lax.scan(join, ends[1:], (real, of_begin, (end_bends,)))
         bends = bends + jax.vmap(_contracted)(inner[..., :size], begin_bends)
-        return (*first, *second), StepDerivatives((begins, begin_bends), (polynomials, slopes, bends))
+        follows = jnp.concatenate([begin_bends[1:], second[0][None]])[:, [2 + component for component in keep]]
+        known = jnp.where(_lost_in_settling(rows, bends, follows) & real, jnp.nan, 1.0).min()
+        second = tuple(known * derivative for derivative in second)
+        return (*first, *second), StepDerivatives((begins, known * begin_bends), (polynomials, slopes, known * bends))
 
     derivatives: list[Callable[[Float[Array, " parameters"]], Array]] = [started]
     for _ in range(order):
         derivatives.append(jax.jacfwd(derivatives[-1]))
     return tuple(derivative(parameters) for derivative in derivatives[1:]), tile
+
+
+def _lost_in_settling(
+    rows: Float[Array, "rows columns"],
+    bends: Float[Array, "rows kept coefficients parameters parameters"],
+    follows: Float[Array, "rows kept parameters parameters"],
+) -> Bool[Array, " rows"]:
+    """Whether with the last of a motion more of the second derivatives is dropped than it may be.
+
+    A contact that comes to rest by ever smaller sticking and slipping can multiply its sensitivity at each by more
+    than the motion shrinks: then the second derivatives grow as the motion dies out, and do not exist in the limit.
+
+    **Arguments:** of the kept components, second derivatives of the polynomials, and with what the next step begins.
+    """
+    step = read(rows.T)
+    ends = horner([bends[:, :, k] for k in range(bends.shape[2])], step.duration[:, None, None, None])
+    norm = lambda of_rows: jnp.sqrt(jnp.sum(of_rows**2, axis=(1, 2, 3)))
+    return step.becomes_settled & (norm(follows - ends) > _LOST * norm(follows))
 
 
 def _contracted(a: Float[Array, "*left inner"], b: Float[Array, "inner *right"]) -> Float[Array, "..."]:
@@ -124,7 +148,7 @@ def _expanded(
     return _kept(polynomials, keep)
 
 
-class _Again(NamedTuple):
+class _StepsOfTile(NamedTuple):
     """The steps of a tile as functions of their inputs: the numbers that begin each, then the parameters."""
 
     inputs: Float[Array, "rows inputs"]
@@ -139,12 +163,12 @@ class _Again(NamedTuple):
         return lambda inputs, *found: jax.vmap(of_row)(inputs, self.known, *found)
 
 
-def _again(
+def _steps_of_tile(
     moving: AbstractHybridSystem,
     fixed: AbstractHybridSystem,
     tolerance: Scalar,
     rows: Float[Array, "rows columns"],
-) -> _Again:
+) -> _StepsOfTile:
     size = rows.shape[1] - KNOWN_COLUMNS
     parameters, rebuilt = ravel_pytree(moving)
 
@@ -159,7 +183,7 @@ def _again(
         return _known_step(system, tolerance, row)
 
     inputs = jnp.concatenate([rows[:, :size], jnp.broadcast_to(parameters, (len(rows), parameters.size))], axis=1)
-    return _Again(inputs, rows[:, size:], restored, step)
+    return _StepsOfTile(inputs, rows[:, size:], restored, step)
 
 
 @eqx.filter_jit
@@ -175,29 +199,29 @@ def _linearised(
 
     With respect to the begin and every `moving` parameter of the system.
     """
-    again = _again(moving, fixed, tolerance, rows)
-    step_radius, duration = again.known[:, 2], again.known[:, 3]
+    steps = _steps_of_tile(moving, fixed, tolerance, rows)
+    step_radius, duration = steps.known[:, 2], steps.known[:, 3]
 
     def flow(inputs: Float[Array, "rows inputs"]) -> tuple[Any, Any]:
-        polynomials = method.expand(again.step, inputs, again.known)
+        polynomials = method.expand(steps.step, inputs, steps.known)
         shown = _kept(polynomials, keep)
         # Always true, also where a number is not finite.
         true = ~(step_radius[0] < 0.0)
         # One after the other: to stack them takes as long as to expand the steps.
         x = computed_once(true, lambda polynomials: [horner(list(p), duration) for p in polynomials], polynomials)
-        x = computed_once(true, again.side_by_side(exact_end), inputs, x)
-        shift = computed_once(true, again.side_by_side(event_shift_of), inputs, x)
-        return (again.side_by_side(end_to_first_order)(inputs, x, shift), shown), shown
+        x = computed_once(true, steps.side_by_side(exact_end), inputs, x)
+        shift = computed_once(true, steps.side_by_side(event_shift_of), inputs, x)
+        return (steps.side_by_side(end_to_first_order)(inputs, x, shift), shown), shown
 
     # The rows do not know of each other: one direction serves them all.
-    inputs = again.inputs
+    inputs = steps.inputs
     along = lambda direction: jax.jvp(flow, (inputs,), (jnp.broadcast_to(direction, inputs.shape),), has_aux=True)
     _, slopes, polynomials = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(inputs.shape[1]))
     return polynomials, slopes
 
 
 @eqx.filter_jit
-def _bent(
+def _second_derivatives(
     moving: AbstractHybridSystem,
     fixed: AbstractHybridSystem,
     method: AbstractStepMethod,
@@ -209,16 +233,16 @@ def _bent(
     Float[Array, "rows begin parameters parameters"], Float[Array, "rows kept coefficients parameters parameters"]
 ]:
     """Second derivatives of the ends and polynomials of the steps `rows`, along pairs of directions of their inputs."""
-    again = _again(moving, fixed, tolerance, rows)
+    steps = _steps_of_tile(moving, fixed, tolerance, rows)
 
     def flow(inputs: Float[Array, "rows inputs"]) -> tuple[Array, Array]:
-        polynomials = method.expand(again.step, inputs, again.known)
+        polynomials = method.expand(steps.step, inputs, steps.known)
         each = jnp.stack([coefficients.T for coefficients in polynomials], axis=1)
-        return again.side_by_side(end_to_second_order)(inputs, each), _kept(polynomials, keep)
+        return steps.side_by_side(end_to_second_order)(inputs, each), _kept(polynomials, keep)
 
     def bend(pair: tuple[Array, Array]) -> tuple[Array, Array]:
         slope = lambda inputs: jax.jvp(flow, (inputs,), (along[..., pair[0]],))[1]
-        return jax.jvp(slope, (again.inputs,), (along[..., pair[1]],))[1]
+        return jax.jvp(slope, (steps.inputs,), (along[..., pair[1]],))[1]
 
     count = along.shape[-1]
     first, second = np.triu_indices(count)

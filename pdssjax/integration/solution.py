@@ -27,7 +27,7 @@ from .accuracy import Accuracy
 from .differentiated_run import places, since_begins, steps_of
 from .polynomials import horner
 from .step_table import LoopState
-from .system import AbstractHybridSystem, State, Visited, unflattener
+from .system import AbstractHybridSystem, SampledStates, State, unflattener
 
 
 class Steps(NamedTuple):
@@ -39,7 +39,7 @@ class Steps(NamedTuple):
     step_radius: Float[Array, " room"]
     """Length for which the polynomials were made [s]."""
     duration: Float[Array, " room"]
-    """Length for which they are used: up to an event, a corner or the reach [s]."""
+    """Length for which they are used: up to an event, a corner or the step radius [s]."""
     origin: Float[Array, " room"]
     """Time at which the segment begins [s]."""
     t_local: Float[Array, " room"]
@@ -130,7 +130,7 @@ def integrate_steps(
 
 def states_at(
     system: AbstractHybridSystem, run: SteppedRun, times: Float[Array, " m"], keep: tuple[int, ...] | None = None
-) -> Visited:
+) -> SampledStates:
     """The state at `times` [s], shape (m,), each within the integrated time or its repetition.
 
     Components outside `keep`, as given to `integrate_steps`, are those of the step's beginning unless the
@@ -145,12 +145,12 @@ def states_at(
     elapsed = since_begins(begun, stop, laps, times)
     polynomials = steps.polynomials[row]
     shown = horner([polynomials[:, :, k] for k in range(polynomials.shape[-1])], elapsed[:, None])
-    at_begin = Begun(steps.index[row], steps.mode[row], steps.t_local[row], list(steps.x[row].T))
+    at_begin = StepBegins(steps.index[row], steps.mode[row], steps.t_local[row], list(steps.x[row].T))
     gained = [rise * laps for rise in end.x - steps.x[run.period]]
-    return visited(system, at_begin, elapsed, shown, gained, keep)
+    return sampled_states(system, at_begin, elapsed, shown, gained, keep)
 
 
-class Begun(NamedTuple):
+class StepBegins(NamedTuple):
     """How the steps began within which some times lie."""
 
     index: Float[Array, " m"]  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -162,14 +162,14 @@ class Begun(NamedTuple):
     """Each component of the state."""
 
 
-def visited(
+def sampled_states(
     system: AbstractHybridSystem,
-    at_begin: Begun,
+    at_begin: StepBegins,
     elapsed: Float[Array, " m"],
     shown: Float[Array, "m kept"],
     gained: Sequence[Float[Array, " m"]],
     keep: tuple[int, ...] | None,
-) -> Visited:
+) -> SampledStates:
     """The states `elapsed` [s] after their steps began, by what polynomials have `shown` of the components `keep`.
 
     **Arguments:** of each component, repeated periods have `gained` so much.
@@ -179,10 +179,10 @@ def visited(
         values[component] = shown[:, column]
     unflatten = unflattener(system)
 
-    def finish(begun: Begun, elapsed: Scalar, end: list[Scalar]) -> State:
+    def finish(begun: StepBegins, elapsed: Scalar, end: list[Scalar]) -> State:
         segment = system.segment(begun.index)
         return system.exact(segment, begun.t_local, unflatten(begun.x), elapsed, unflatten(end))
 
     x = jax.vmap(finish)(at_begin, elapsed, values)
     x = jax.tree.map(jnp.add, x, jax.vmap(unflatten)(gained))
-    return Visited(x, jax.vmap(system.segment)(at_begin.index), at_begin.t_local + elapsed, at_begin.mode)
+    return SampledStates(x, jax.vmap(system.segment)(at_begin.index), at_begin.t_local + elapsed, at_begin.mode)

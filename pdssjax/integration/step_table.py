@@ -67,7 +67,7 @@ CORNER, BECAME_SETTLED, EVENT, WHICH = 1, 2, 4, 8
 """Bits of the code of a step, how it ended; the number of the guard that ended it follows from `WHICH` on."""
 
 KNOWN_COLUMNS = 5
-"""Columns of the table behind the time and the state: index, mode, reach, length, code."""
+"""Columns of the table behind the time and the state: index, mode, radius, length, code."""
 
 Table: TypeAlias = Float[Array, "room columns"]
 """A row a step: time and state at its begin, then the `KNOWN_COLUMNS`; room to spare."""

@@ -37,7 +37,7 @@ class AnySegment(Protocol):
         ...
 
 
-class Visited(NamedTuple):
+class SampledStates(NamedTuple):
     """The states that a motion goes through, at many times; every leaf has their axis first."""
 
     x: State
@@ -164,7 +164,7 @@ class AbstractHybridSystem(eqx.Module):
         """Whether `closed_states` knows them, from the begin of the drive on, with nothing stepped."""
         return False
 
-    def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited:
+    def closed_states(self, times: Float[Array, " m"], segments: int) -> SampledStates:
         """Where `has_closed_states`: those at `times` [s], none before 0.
 
         `segments` is how many of the drive's the times may reach into.

@@ -24,7 +24,7 @@ class Parts(NamedTuple, Generic[N_co]):
 
     mechanics: tuple[N_co, ...]
     """States of the dynamics."""
-    seen: N_co
+    voltage: N_co
     """The voltage [V]."""
     slope: N_co | None
     """Slope of the voltage [V/s]; None where no velocity depends on it."""
@@ -66,14 +66,14 @@ class Layout(NamedTuple):
         for count in (self.mechanics, 1, self.slope, self.stops, self.crept, self.flags):
             found.append(tuple(left[:count]))
             del left[:count]
-        mechanics, seen, slope, stops, crept, flags = found
-        return Parts(mechanics, seen[0], slope[0] if slope else None, stops, crept, flags)
+        mechanics, voltage, slope, stops, crept, flags = found
+        return Parts(mechanics, voltage[0], slope[0] if slope else None, stops, crept, flags)
 
 
 def joined(x: Parts[Entry]) -> tuple[Entry, ...]:
     """The state that has these parts."""
     slope = () if x.slope is None else (x.slope,)
-    return (*x.mechanics, x.seen, *slope, *x.stops, *x.crept, *x.flags)
+    return (*x.mechanics, x.voltage, *slope, *x.stops, *x.crept, *x.flags)
 
 
 def after_jump(h: Scalar, change: ScalarLike, slope: ScalarLike, beta: ScalarLike, gamma: ScalarLike) -> Scalar:
@@ -267,7 +267,7 @@ class Ceramic(NamedTuple):
         gain, *curves = self.memoryless
         total = slope * gain
         for k, curve in enumerate(curves, start=2):
-            total = total + _power(x.seen, k - 1) * slope * (k * curve)
+            total = total + _power(x.voltage, k - 1) * slope * (k * curve)
         for rate, weight in zip(self.stop_rates(x, slope), self.hysteresis.weights, strict=True):
             total = total + (slope - rate) * weight
         return sum(self.creep_rates(x), total)
@@ -275,10 +275,10 @@ class Ceramic(NamedTuple):
     def aim_bend(self, x: Parts[Entry], slope: Entry, bend: Entry) -> Entry:
         """The rate of its rate [m/s2], while that of the voltage's is `bend` [V/s2]."""
         gain, *curves = self.memoryless
-        total = x.seen * 0.0 + bend * gain
+        total = x.voltage * 0.0 + bend * gain
         for k, curve in enumerate(curves, start=2):
-            total = total + slope * slope * _power(x.seen, k - 2) * ((k - 1) * k * curve)
-            total = total + _power(x.seen, k - 1) * bend * (k * curve)
+            total = total + slope * slope * _power(x.voltage, k - 2) * ((k - 1) * k * curve)
+            total = total + _power(x.voltage, k - 1) * bend * (k * curve)
         bends = self.hysteresis.bends(x.stops, x.rises, x.marks, slope, bend)
         for rate, weight in zip(bends, self.hysteresis.weights, strict=True):
             total = total + (bend - rate) * weight
@@ -293,7 +293,7 @@ class Ceramic(NamedTuple):
     def creep_rates(self, x: Parts[Entry]) -> tuple[Entry, ...]:
         """Time derivatives of the elements of creep [m/s]."""
         elements = zip(x.crept, self.shares, self.times, strict=True)
-        return tuple((x.seen * share - c) * (1.0 / time) for c, share, time in elements)
+        return tuple((x.voltage * share - c) * (1.0 / time) for c, share, time in elements)
 
 
 def _power(x: Entry, exponent: int) -> Entry:

@@ -31,7 +31,7 @@ from .base import DeterminableRange, Shown
 
 
 class ComposedModel(AbstractStack):
-    """The mechanics' states, the voltage seen [V], then the elements' and those of creep; then flags."""
+    """The mechanics' states, the voltage [V], then the elements' and those of creep; then flags."""
 
     composition: ClassVar[Composition]
     """Parts of the stack."""

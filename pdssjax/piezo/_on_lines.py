@@ -127,12 +127,12 @@ def begins_of_lines(
     dynamics: AbstractDynamics,
     lines: Line,
     durations: Float[Array, " k"],
-    seen: ScalarLike,
+    voltage: ScalarLike,
     begin: Moment,
 ) -> Moment:
-    """The stack just after each corner; `seen` is the voltage [V] before the first, in the state `begin`."""
+    """The stack just after each corner; `voltage` is the voltage [V] before the first, in the state `begin`."""
     run = lines.slope * durations
-    jump = lines.start - jnp.concatenate([jnp.reshape(jnp.asarray(seen, float), 1), (lines.start + run)[:-1]])
+    jump = lines.start - jnp.concatenate([jnp.reshape(jnp.asarray(voltage, float), 1), (lines.start + run)[:-1]])
     limit = lambda stops: jnp.clip(stops, -ceramic.thresholds, ceramic.thresholds)
 
     def pass_corner(

@@ -46,7 +46,7 @@ def oscillator(frequency: ScalarLike, damping: ScalarLike, mass: ScalarLike) -> 
 
 
 class AbstractStack(AbstractPiezo):
-    """The mechanics' states, the voltage seen [V], then the elements' and those of creep; then flags."""
+    """The mechanics' states, the voltage [V], then the elements' and those of creep; then flags."""
 
     has_steady_state = False
 
@@ -83,7 +83,7 @@ class AbstractStack(AbstractPiezo):
 
     def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
         ceramic, x = self.ceramic, self._parts(state)
-        mechanics = self.dynamics.rates(x.mechanics, ceramic.aim(x.seen, x.stops, x.crept), force)
+        mechanics = self.dynamics.rates(x.mechanics, ceramic.aim(x.voltage, x.stops, x.crept), force)
         slope = voltage.slope if x.slope is None else x.slope
         bend = None if x.slope is None else voltage.bend + x.slope * 0.0
         flags = tuple(0 for _ in x.flags)
@@ -91,14 +91,14 @@ class AbstractStack(AbstractPiezo):
 
     def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
         ceramic, x = self.ceramic, self._parts(state)
-        aim = ceramic.aim(x.seen, x.stops, x.crept)
+        aim = ceramic.aim(x.voltage, x.stops, x.crept)
         speed = aim if x.slope is None else ceramic.aim_rate(x, x.slope)
         return self.dynamics.platform(x.mechanics, aim, speed)
 
     def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
         ceramic, x = self.ceramic, self._parts(state)
         slope = voltage.slope if x.slope is None else x.slope
-        aim, speed = ceramic.aim(x.seen, x.stops, x.crept), ceramic.aim_rate(x, slope)
+        aim, speed = ceramic.aim(x.voltage, x.stops, x.crept), ceramic.aim_rate(x, slope)
         return self.dynamics.acceleration(x.mechanics, aim, speed, ceramic.aim_bend(x, slope, voltage.bend))
 
     def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
@@ -108,7 +108,7 @@ class AbstractStack(AbstractPiezo):
         x = self._parts(state)
         if not x.flags:
             return ()
-        turns = x.seen * 0.0 + voltage.slope * x.rises
+        turns = x.voltage * 0.0 + voltage.slope * x.rises
         return turns, *self.ceramic.hysteresis.guards(x.stops, x.rises, x.marks)
 
     def after_event(self, state: State, voltage: Voltage[Scalar], which: Scalar) -> State:
@@ -119,9 +119,9 @@ class AbstractStack(AbstractPiezo):
     def on_segment_start(self, state: State, segment: Segment) -> State:
         x, law = self._parts(state), self.ceramic.hysteresis
         voltage = segment.voltage(0.0)
-        stops = law.driven(x.stops, voltage.level - x.seen)
+        stops = law.driven(x.stops, voltage.level - x.voltage)
         slope = None if x.slope is None else voltage.slope + 0.0 * x.slope
-        x = x._replace(seen=voltage.level + 0.0 * x.seen, slope=slope, stops=stops)
+        x = x._replace(voltage=voltage.level + 0.0 * x.voltage, slope=slope, stops=stops)
         if not x.flags:
             return joined(x)
         rises = slew_sign(voltage, x.rises)
@@ -144,7 +144,7 @@ class AbstractStack(AbstractPiezo):
             segments = straightened(segments, many)
         lines = Line(segments.start, segments.slope)
         durations = jnp.where(jnp.isfinite(segments.duration), segments.duration, 0.0)
-        begins = begins_of_lines(ceramic, dynamics, lines, durations, x.seen, self._moment(x))
+        begins = begins_of_lines(ceramic, dynamics, lines, durations, x.voltage, self._moment(x))
         here, line = (jax.tree.map(lambda array: array[places], tree) for tree in (begins, lines))
         moments = inside_lines(ceramic, dynamics, line, here, t_local)
         return jax.vmap(self._state_at)(moments, now.level, now.slope)
@@ -172,7 +172,7 @@ class AbstractStack(AbstractPiezo):
     def _moment(self, x: Parts[Any]) -> Moment:
         return Moment(*(jnp.asarray(numbers, float) for numbers in (x.mechanics, x.stops, x.crept)))
 
-    def _state_at(self, moment: Moment, seen: Scalar, slope: Scalar) -> State:
+    def _state_at(self, moment: Moment, voltage: Scalar, slope: Scalar) -> State:
         """The state at a moment within a line."""
         flags: tuple[Scalar, ...] = ()
         stops = tuple(moment.stops)
@@ -180,7 +180,7 @@ class AbstractStack(AbstractPiezo):
             rises = jnp.where(slope < 0.0, -1.0, 1.0)
             flags = (rises, *self.ceramic.hysteresis.marks_at(stops, rises))
         rate = slope if self._is_static else None
-        return joined(Parts(tuple(moment.mechanics), seen, rate, stops, tuple(moment.crept), flags))
+        return joined(Parts(tuple(moment.mechanics), voltage, rate, stops, tuple(moment.crept), flags))
 
     def _layout(self) -> Layout:
         ceramic = self.ceramic

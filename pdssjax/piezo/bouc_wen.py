@@ -27,7 +27,7 @@ from .base import USUAL_SWING, Shown
 
 
 class BoucWen(AbstractStack):
-    """Displacement y, velocity, voltage seen [V], hysteresis h/(a C) [V]; then flags: the signs of u' and of h."""
+    """Displacement y, velocity, voltage [V], hysteresis h/(a C) [V]; then flags: the signs of u' and of h."""
 
     hysteretic = ("alpha", "beta", "gamma")
 

@@ -26,7 +26,7 @@ _PARTS = 60.0
 
 
 class Creep(AbstractStack):
-    """Displacement, velocity, voltage seen [V], then the displacements by which the three elements have crept [m]."""
+    """Displacement, velocity, voltage [V], then the displacements by which the three elements have crept [m]."""
 
     closed_on_lines = True
 

@@ -30,7 +30,7 @@ _COUNT = 4
 
 
 class MaxwellSlip(AbstractStack):
-    """Displacement, velocity, voltage seen [V], s_1 … s_4 [V]; then flags: the sign of u', which elements slip."""
+    """Displacement, velocity, voltage [V], s_1 … s_4 [V]; then flags: the sign of u', which elements slip."""
 
     closed_on_lines = True
 

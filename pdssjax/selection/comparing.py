@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..core import InputError, check_executor, check_kind, clear_bar, member_name, require_float64, told_in_notebook
+from ..core import InputError, check_executor, check_kind, clear_bar, member_name, notebook_progress, require_float64
 from ..inference import Progress, effort_of, quiet
 from ..study import Record, Study, cycles_a_second
 from .candidate_fits import CandidateStore, fit_all
@@ -59,7 +59,7 @@ def compare_models(
     if not any(record.role == "fit" for record in study.records):
         raise InputError(f'{study.path or study.title}: found no record with role "fit", expected at least one.')
     candidates = candidates_of(study, friction, piezo, feedback)
-    report, parts = progress or told_in_notebook() or quiet, parts_of(study)
+    report, parts = progress or notebook_progress() or quiet, parts_of(study)
     try:
         fitted = fit_all(candidates, parts, effort, executor, store, report)
         report("comparing what was held out")

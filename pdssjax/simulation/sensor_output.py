@@ -18,16 +18,16 @@ from ..integration import (
     FAILURES,
     AbstractHybridSystem,
     Accuracy,
+    SampledStates,
     Table,
     TakenSteps,
-    Visited,
     empty_table,
     exact_states_at,
     find_steps,
     integrate_steps,
     is_closed,
+    sample_run,
     states_at,
-    visit,
 )
 from .systems.platform_only import PlatformOnly
 from .systems.prescribed_motion import PrescribedMotion
@@ -129,14 +129,14 @@ def sensor_samples(
     keep = output.components(system)
     seen = times - output.delay(system)
 
-    def look(states: Visited) -> Float[Array, " some"]:
+    def look(states: SampledStates) -> Float[Array, " some"]:
         x, segment, t_local, mode = states
         return jax.vmap(partial(output.shown, system))(segment, t_local, x, mode)
 
     if segments is not None and is_closed(system):
         shown, failure = look(exact_states_at(system, jnp.maximum(seen, 0.0), segments)), jnp.zeros((), int)
     else:
-        run = visit(system, seen, accuracy, keep, times[-1], look, wanted, steps)
+        run = sample_run(system, seen, accuracy, keep, times[-1], look, wanted, steps)
         shown, failure = run.states, run.failure
     return from_rest(seen, failure)(shown)
 
@@ -285,7 +285,7 @@ def observe(
     else:
         run = integrate_steps(system, times[-1], accuracy)
         at, steps, failure = partial(states_at, system, run), run.count, run.failure
-    sensed = lambda visited: jax.vmap(partial(output.shown, system))(visited[1], visited[2], visited[0], visited[3])
+    sensed = lambda states: jax.vmap(partial(output.shown, system))(states[1], states[2], states[0], states[3])
     late = instants - output.delay(system)
     return Observation(
         from_rest(seen, failure)(sensed(at(seen))),
@@ -296,7 +296,7 @@ def observe(
     )
 
 
-def _inside(system: System, states: Visited, instants: Float[Array, " k"], failure: Int[Array, ""]) -> Inside:
+def _inside(system: System, states: SampledStates, instants: Float[Array, " k"], failure: Int[Array, ""]) -> Inside:
     x, segment, t_local, mode = states
     show, none = from_rest(instants, failure), jnp.full_like(instants, jnp.nan)
     if isinstance(system, PrescribedMotion):

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..actuator import Actuator, DrivenPlatform
 from ..core import Figure, InputError, ascending_times, kept_jit, presenter, require_float64
 from ..drive.base import AbstractDrive
-from ..integration import FAILURES, Accuracy, visit
+from ..integration import FAILURES, Accuracy, sample_run
 from ..piezo.base import AbstractPiezo
 from .sensor_output import from_rest, sensor_samples
 from .steady_cycles import check_repeats, checked_arguments, steady_system
@@ -141,7 +141,7 @@ def _simulated(
             steady.grazing,
             times + 1.0 / jnp.asarray(drive.cycle_frequency(), float),
         )
-    run = visit(moving, times, fine)
+    run = sample_run(moving, times, fine)
     x, segment, t_local, mode = run.states
     shown = from_rest(times, run.failure)
     friction = jax.vmap(system.force)(segment, t_local, x, mode)
@@ -169,7 +169,7 @@ def displacements(
     """True platform and end-effector displacement [m] only, at less cost than `simulate`."""
     system = StickSlip(actuator, drive)
     keep = system.output_components()
-    run = visit(system, times, accuracy, keep)
+    run = sample_run(system, times, accuracy, keep)
     x = run.states.x
     y, _ = jax.vmap(actuator.driven_platform.platform)(x.driven)
     shown = from_rest(times, run.failure)

@@ -27,9 +27,9 @@ from ..integration import (
     AbstractHybridSystem,
     Accuracy,
     Cycles,
+    SampledStates,
     SteppedRun,
     Taylor,
-    Visited,
     flat,
     integrate_cycles,
     integrate_steps,
@@ -220,7 +220,7 @@ _EARLY = 1e-9
 """A step that begins this part of a period before a cycle opens belongs to that cycle."""
 
 
-def visited(course: Course, phases: Float[Array, " phases"], cycles: int) -> Visited:
+def sampled_states(course: Course, phases: Float[Array, " phases"], cycles: int) -> SampledStates:
     """The states at `phases` [s] of each of the first `cycles` cycles, one after the other."""
     period = timing(course.system.drive).period
     times = course.begin + (jnp.arange(cycles)[:, None] * period + phases).ravel()
@@ -243,7 +243,7 @@ def mean_over_cycles(course: Course, values: Float[Array, " cycles"]) -> Scalar:
 def step_metrics(course: Course) -> dict[str, Scalar]:
     """The metrics that every cycle has (`METRICS`), differentiable in all that the course is."""
     when = timing(course.system.drive)
-    effector = effector_at(course.system, visited(course, when.phases, course.most + 1).x)
+    effector = effector_at(course.system, sampled_states(course, when.phases, course.most + 1).x)
     effector = effector.reshape(course.most + 1, -1)
     found, places = cycles_at(when, effector), effector[:, 0]
     net = (places[course.span] - places[0]) / course.span

@@ -22,7 +22,7 @@ from ..drive.base import Segment
 from ..integration import SETTLED
 from ..metrics import force_metrics
 from ..simulation import grazing, turns
-from .cycles import Course, Metric, mean_over_cycles, steps_within, timing, visited
+from .cycles import Course, Metric, mean_over_cycles, sampled_states, steps_within, timing
 
 SMOOTH = {
     "output_force": Metric("N", "output force against a stop"),
@@ -83,7 +83,7 @@ def output_force(blocked: Course) -> Scalar:
     sticks = when.period - when.fall
     phases = when.fall + sticks * jnp.linspace(*_PLATEAU, _LINE)
     pushed = jax.vmap(lambda x: jnp.asarray(blocked.system.shown_force(x), float))(
-        visited(blocked, phases, blocked.most).x
+        sampled_states(blocked, phases, blocked.most).x
     )
     times = (jnp.arange(blocked.most)[:, None] * when.period + phases).ravel()
     found = force_metrics(times, pushed, when.frequency, 0.0, blocked.most, when.fall)

@@ -38,7 +38,7 @@ def _by_peak(record: Record, study: Study) -> Record:
     drive, listed = drive_of(record), study.for_record(record).parameters
     shared = {field: p.number for field in drive.numbers() if (p := listed.get(f"drive.{field}")) is not None}
     known = {f: number for f, number in shared.items() if number is not None and f not in record.overrides}
-    return dataclasses.replace(record, drive=drive.with_numbers(known).told_by_peak())
+    return dataclasses.replace(record, drive=drive.with_numbers(known).with_peak_voltage())
 
 
 def drive_of(record: Record) -> AbstractDrive:

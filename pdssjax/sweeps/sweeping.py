@@ -23,7 +23,7 @@ from ..core import (
     check_executor,
     check_kind,
     check_whole,
-    counted_in_notebook,
+    notebook_counter,
     require_float64,
 )
 from ..integration import TAYLOR, Accuracy
@@ -169,7 +169,7 @@ def sweep(
         study, over, record=record, cycles=cycles, accuracy=accuracy, metrics=metrics, derivatives=derivatives
     )
     store = MemoryStore() if store is None else store
-    progress = progress or counted_in_notebook("points")
+    progress = progress or notebook_counter("points")
     with contextlib.closing(store):
         plan, pending = store.open(planned.document, planned.plan)
         planned = dataclasses.replace(planned, plan=plan)

@@ -64,7 +64,7 @@ def test_no_times_have_no_voltages():
 
 @EVERY
 def test_told_by_its_peak_a_drive_is_the_same(drive):
-    told, time = drive.told_by_peak(), jnp.linspace(-0.1, END, 1001)
+    told, time = drive.with_peak_voltage(), jnp.linspace(-0.1, END, 1001)
     np.testing.assert_allclose(told.at(time), drive.at(time), rtol=1e-12, atol=1e-12)
     if isinstance(drive, Sawtooth):
         assert told.voltage == pytest.approx(np.sign(drive.voltage) * drive.peak()) and told.told_by == 0.0

@@ -5,7 +5,7 @@ import types
 
 import pytest
 
-from pdssjax.core import clear_bar, counted_in_notebook, draw_in_notebook, told_in_notebook
+from pdssjax.core import clear_bar, draw_in_notebook, notebook_counter, notebook_progress
 
 
 class Handle:
@@ -29,16 +29,16 @@ def shown(monkeypatch):
 
 def test_outside_a_notebook_there_is_no_bar(monkeypatch):
     monkeypatch.delitem(sys.modules, "IPython", raising=False)
-    assert told_in_notebook() is None and counted_in_notebook("points") is None
+    assert notebook_progress() is None and notebook_counter("points") is None
 
 
 def test_in_a_terminal_of_ipython_there_is_none_either(shown, monkeypatch):
     monkeypatch.setattr(sys.modules["IPython"], "get_ipython", lambda: types.SimpleNamespace())
-    assert told_in_notebook() is None
+    assert notebook_progress() is None
 
 
 def test_points_fill_a_bar(shown):
-    tell = counted_in_notebook("points")
+    tell = notebook_counter("points")
     assert not shown
     tell(5, 20)
     tell(20, 20)
@@ -48,7 +48,7 @@ def test_points_fill_a_bar(shown):
 
 
 def test_a_line_that_counts_fills_the_bar_and_another_leaves_it_open(shown):
-    tell = told_in_notebook()
+    tell = notebook_progress()
     tell("bootstrap: 10 of 40 replicates")
     tell("joint: chi-square < 7")
     assert 'value="0.2500"' in shown[1]._repr_html_()
@@ -56,7 +56,7 @@ def test_a_line_that_counts_fills_the_bar_and_another_leaves_it_open(shown):
 
 
 def test_the_bar_is_taken_away_at_the_end_if_it_was_shown(shown):
-    tell = told_in_notebook()
+    tell = notebook_progress()
     tell.clear()
     assert not shown
     tell("finding starts")

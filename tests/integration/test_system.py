@@ -12,7 +12,7 @@ from bouncing_ball import free_fall
 from marks import slow
 
 from pdssjax import AbstractHybridSystem, Accuracy, Taylor
-from pdssjax.integration import SETTLED, integrate_steps, states_at, visit
+from pdssjax.integration import SETTLED, integrate_steps, sample_run, states_at
 
 USUAL = Accuracy(method=Taylor(6), max_steps=64)
 
@@ -128,7 +128,7 @@ def shown(system, times):
 
 
 def seen(system, times, accuracy=USUAL):
-    run = visit(system, times, accuracy)
+    run = sample_run(system, times, accuracy)
     return jnp.stack(run.states.x), run
 
 
@@ -234,7 +234,7 @@ def test_the_end_of_a_run_of_which_no_states_are_asked_moves_with_the_parameters
 
     def at_horizon(p):
         """The last step keeps its length and ends later where it begins later."""
-        end = visit(Ball(*p), jnp.zeros(0), USUAL, (0,), horizon).end
+        end = sample_run(Ball(*p), jnp.zeros(0), USUAL, (0,), horizon).end
         rate = jnp.stack([end.x[1], -parameters[1]])
         return end.x + jax.lax.stop_gradient(rate) * (horizon - end.time)
 

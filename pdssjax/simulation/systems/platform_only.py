@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from ...actuator import IDEAL, DrivenPlatform, DrivenPlatformState, Sensor
 from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import AbstractDrive, Segment
-from ...integration import SETTLED, AbstractHybridSystem, N_co, Term, Visited
+from ...integration import SETTLED, AbstractHybridSystem, N_co, SampledStates, Term
 
 
 class State(NamedTuple, Generic[N_co]):
@@ -121,7 +121,7 @@ class PlatformOnly(AbstractHybridSystem):
         """Whether all states are known in closed form; through guards only if nothing has to be stepped."""
         return self.driven_platform.closed_on_lines and not self.driven_platform.closed and not self.sensor.initial()
 
-    def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited:
+    def closed_states(self, times: Float[Array, " m"], segments: int) -> SampledStates:
         """States by the piezo, which passes all corners of a chain of lines at once and follows waves as lines."""
         chain = jax.vmap(self.drive.segment)(jnp.arange(segments) * 1.0)
         lasts = jnp.isfinite(chain.duration)
@@ -131,7 +131,7 @@ class PlatformOnly(AbstractHybridSystem):
         t_local = times - origins[places]
         stack = self.driven_platform.piezo.states_on_lines(chain, places, t_local)
         segment = jax.tree.map(lambda array: array[places], chain)
-        return Visited(State(DrivenPlatformState(stack, ()), ()), segment, t_local, jnp.ones_like(times))
+        return SampledStates(State(DrivenPlatformState(stack, ()), ()), segment, t_local, jnp.ones_like(times))
 
     def shown_displacement(self, x: State[Scalar]) -> Scalar:
         """Displacement [m] that the sensor shows."""

@@ -14,7 +14,7 @@ from ...actuator import chosen
 from ...core import Scalar, ScalarLike
 from ...drive.base import Segment
 from ...friction.base import AbstractFriction
-from ...integration import AbstractHybridSystem, N, Term, Visited, constant, weighted
+from ...integration import AbstractHybridSystem, N, SampledStates, Term, constant, weighted
 
 State: TypeAlias = tuple[N, tuple[N, ...]]
 """The relative displacement [m], and the state of the contact."""
@@ -84,7 +84,7 @@ class PrescribedMotion(AbstractHybridSystem):
         """Whether the law has a closed form at constant velocity, so that nothing is stepped."""
         return self.friction.slides_in_closed_form()
 
-    def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited:
+    def closed_states(self, times: Float[Array, " m"], segments: int) -> SampledStates:
         """States at `times`: from sample to sample of the motion, then within the interval of each."""
 
         def next_sample(
@@ -105,7 +105,7 @@ class PrescribedMotion(AbstractHybridSystem):
         t_local, mode = times - corners[places], modes[places]
         segment = jax.vmap(self.segment)(places * 1.0)
         x = jax.vmap(self._slid)(segment, jax.tree.map(lambda array: array[places], begins), mode, t_local)
-        return Visited(x, segment, t_local, mode)
+        return SampledStates(x, segment, t_local, mode)
 
     def _slid(self, segment: Segment, x: State[Scalar], mode: Scalar, elapsed: Scalar) -> State[Scalar]:
         """The state `elapsed` [s] after the begin of a segment in which it is `x`."""

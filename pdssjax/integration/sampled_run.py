@@ -14,10 +14,10 @@ from jaxtyping import Array, Float, Int
 
 from ..core import Count, Scalar, ScalarLike, Tree, Truth
 from .accuracy import Accuracy
-from .differentiated_run import Begins, Reach, components_at, since_begins
-from .solution import Begun, End, ended, visited
+from .differentiated_run import Begins, RunExtent, components_at, since_begins
+from .solution import End, StepBegins, ended, sampled_states
 from .step_table import Row, TakenSteps
-from .system import AbstractHybridSystem, State, Visited
+from .system import AbstractHybridSystem, SampledStates, State
 from .tiles import PART
 
 Seen = TypeVar("Seen")
@@ -28,7 +28,7 @@ def is_closed(system: AbstractHybridSystem) -> bool:
     return system.has_closed_states() or len(system.closed_components()) == len(jax.tree.leaves(system.initial()))
 
 
-def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], segments: int) -> Visited:
+def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], segments: int) -> SampledStates:
     """The state of a closed `system` at `times` [s], shape (m,), none before 0.
 
     **Arguments:** `segments` is how many segments of the drive the times may reach into.
@@ -54,15 +54,15 @@ def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], seg
     _, (origins, states, modes) = lax.scan(pass_segment, (zero, first, zero), jnp.arange(segments) * 1.0)
     j = jnp.clip(jnp.searchsorted(lax.stop_gradient(origins), times, side="right") - 1, 0)
 
-    def inside(j: Count, time: Scalar) -> Visited:
+    def inside(j: Count, time: Scalar) -> SampledStates:
         begin, t_local = jax.tree.map(lambda x: x[j], states), time - origins[j]
         segment = system.segment(j * 1.0)
-        return Visited(system.exact(segment, 0.0, begin, t_local, begin), segment, t_local, modes[j])
+        return SampledStates(system.exact(segment, 0.0, begin, t_local, begin), segment, t_local, modes[j])
 
     return jax.vmap(inside)(j, times)
 
 
-class Visit(NamedTuple, Generic[Seen]):
+class SampledRun(NamedTuple, Generic[Seen]):
     """The result of a run of which only the states at some times were asked for."""
 
     states: Seen
@@ -95,16 +95,16 @@ def _in_parts(look: Callable[..., Seen], wanted: Count, *of_times: Tree) -> Seen
     return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[rows[:count]], found)
 
 
-def visit(
+def sample_run(
     system: AbstractHybridSystem,
     times: Float[Array, " m"],
     accuracy: Accuracy,
     keep: tuple[int, ...] | None = None,
     horizon: ScalarLike | None = None,
-    look: Callable[[Visited], Seen] = lambda states: states,
+    look: Callable[[SampledStates], Seen] = lambda states: states,
     wanted: Count | None = None,
     steps: TakenSteps | None = None,
-) -> Visit[Seen]:
+) -> SampledRun[Seen]:
     """Integrate `system` from its initial state at t = 0, and return the states at the ascending `times` [s].
 
     As `integrate_steps` and `states_at` do together, differentiable in every floating-point leaf of `system` and in
@@ -119,8 +119,8 @@ def visit(
     components = tuple(range(len(jax.tree.leaves(system.initial())))) if keep is None else keep
     times = jnp.asarray(times, float)
     horizon = lax.stop_gradient(jnp.asarray(times[-1] if horizon is None else horizon, float))
-    reach = Reach(horizon, jnp.asarray(times.size if wanted is None else wanted), steps)
-    begins, end, shown, found = components_at(system, times, reach, accuracy, components)
+    extent = RunExtent(horizon, jnp.asarray(times.size if wanted is None else wanted), steps)
+    begins, end, shown, found = components_at(system, times, extent, accuracy, components)
     loop, laps = found.loop, found.laps
     opening, later = [each[:1] for each in begins], [each[1:] for each in begins]
     rise = [stop - start[0] for stop, start in zip(end[2:], opening[2:], strict=True)]
@@ -128,9 +128,9 @@ def visit(
     def looked(steps: Row, begins: Begins, laps: Array, times: Array, shown: Array) -> Seen:
         whole = [jnp.concatenate(both) for both in zip(opening, begins, strict=True)]
         elapsed = since_begins(whole, end, laps, times)
-        at_begin = Begun(steps.index, steps.mode, begins[1], begins[2:])
-        return look(visited(system, at_begin, elapsed, shown, [each * laps for each in rise], keep))
+        at_begin = StepBegins(steps.index, steps.mode, begins[1], begins[2:])
+        return look(sampled_states(system, at_begin, elapsed, shown, [each * laps for each in rise], keep))
 
     rows = found.steps, later, laps, times, shown
     seen = looked(*rows) if wanted is None else _in_parts(looked, wanted, *rows)
-    return Visit(seen, ended(end, loop), loop.count, loop.rejected, loop.events, loop.repeats, loop.failure)
+    return SampledRun(seen, ended(end, loop), loop.count, loop.rejected, loop.events, loop.repeats, loop.failure)
