@@ -13,6 +13,7 @@ from pdssjax.core.jax_setup import add_xla_flags, cache_folder, in_jaxlib, usabl
 
 LIGHT = "--xla_cpu_use_fusion_emitters=false"
 WHOLE = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
+LEVEL = "--xla_backend_optimization_level=1"
 
 PROGRAM = """
 from pdssjax.core import prepare_jax
@@ -100,16 +101,20 @@ def test_xla_is_told_how_to_compile_unless_it_was_told_otherwise(monkeypatch, gi
 @pytest.mark.parametrize(
     ("version", "flags"),
     [
-        ("0.10.1", [LIGHT, WHOLE]),
-        ("0.11.0", [LIGHT, WHOLE]),
-        ("0.11.1", [WHOLE]),
-        ("0.12.0.1", [WHOLE]),
-        ("0.12.1.dev20261128", [WHOLE]),
+        ("0.10.1", [LIGHT, WHOLE, LEVEL]),
+        ("0.11.0", [LIGHT, WHOLE, LEVEL]),
+        ("0.11.1", [WHOLE, LEVEL]),
+        ("0.12.0.1", [WHOLE, LEVEL]),
+        ("0.12.1.dev20261128", [WHOLE, LEVEL]),
     ],
 )
-def test_a_jaxlib_is_told_only_what_it_knows(version, flags):
-    """An unknown flag ends the process."""
+def test_a_jaxlib_is_told_only_what_it_knows(monkeypatch, version, flags):
+    """An unknown flag ends the process; an accelerator's code is compiled at XLA's own level."""
+    plugins = []
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: plugins)
     assert xla_flags(version) == flags
+    plugins.append("cuda")
+    assert xla_flags(version) == flags[:-1]
 
 
 @pytest.mark.parametrize("held", [True, False])
