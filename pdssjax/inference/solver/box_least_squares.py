@@ -200,7 +200,7 @@ def nonnegative_least_squares(
 
     norms = np.linalg.norm(columns, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0)
-    reduced = np.linalg.qr(np.column_stack([columns / norms, target]), mode="r")
+    reduced = np.asarray(np.linalg.qr(np.column_stack([columns / norms, target]), mode="r"))
     least = np.where(signed, -np.inf, 0.0)
     found = lsq_linear(reduced[:, :-1], reduced[:, -1], (least, np.inf), method="bvls")
     x = np.maximum(found.x, least) / norms  # rounding may have left one just below

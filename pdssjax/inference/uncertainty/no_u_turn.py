@@ -33,9 +33,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...core import Document, Scalar
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
 from ..least_squares import Progress
-from .posterior import BLOCK, TO_JUDGE, Chains
-from .posterior_learning import learn
-from .posterior_model import Model
+from .posterior import BLOCK, TO_JUDGE, Chains, Model, learn
 from .profile_likelihood import Evaluate
 from .randomize_then_optimize import NothingToDraw, RandomizedResiduals, Widths, log_proposed
 from .residual_polynomial import ResidualPolynomial
