@@ -103,6 +103,18 @@ class PickedStack:
         return logarithms, covariance
 
 
+def whitened_readings(stack: PickedStack, paths: Sequence[str]) -> Float[np.ndarray, "k p"]:
+    """The rows W that a reading adds to a Jacobian by the numbers of a fit at `paths`, those read being logarithms.
+
+    W'W is the inverse of the covariance of what was read of them; there is a row for each that is among `PATHS`.
+    """
+    here = [place for place, path in enumerate(paths) if path in PATHS]
+    read = [PATHS.index(paths[place]) for place in here]
+    rows = np.zeros((len(here), len(paths)))
+    rows[:, here] = np.linalg.inv(np.linalg.cholesky(stack.covariance[np.ix_(read, read)]))
+    return rows
+
+
 def pick_peaks(study: Study) -> PickedStack:
     """Gain [m/V], natural frequency [rad/s] and damping ratio from the fitted records of steps.
 
