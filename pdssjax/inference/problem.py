@@ -5,7 +5,7 @@ Any solver can take it; `pose_problem` makes it of a study.
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import equinox as eqx
@@ -14,7 +14,7 @@ from jax.core import Tracer
 from jax.tree_util import register_dataclass
 from jaxtyping import Array, Bool, Float
 
-from ..core import Lowered, ScalarLike, on_device, require_float64
+from ..core import ScalarLike, on_device, require_float64
 from ..integration import Accuracy
 from ..metrics import scatter_floor
 from ..study import Parameter, Predictor, Record, Study, Values
@@ -144,28 +144,21 @@ class Problem:
         paths = tuple(sorted([*residual.fixed, *free]))
         return Evaluator(self.predictor, residual.comparison, residual.accuracy, self.places, paths, free)
 
-    def lowered(self, free: Float[Array | np.ndarray, " p"]) -> Lowered:
-        """The program of its evaluations, traced; its `compile` may go on in another thread."""
-        return self.evaluations(self._weights()).lowered(free)
-
     @property
-    def linearisation(self) -> "LinearisedResidual":
-        """`linearised` as data and what is compiled, for what is compiled with it."""
-        return LinearisedResidual(self.residual, self._weights())
+    def linearisation(self) -> Callable[[Point], tuple[Float[Array, " n"], Float[Array, "n p"]]]:
+        """`linearised` as a pytree, for what is compiled with it."""
+        return eqx.Partial(linearised_residual, self.residual, self._weights())
 
     def _weights(self) -> Float[Array | np.ndarray, " records"]:
         return 1.0 / self.noise
 
 
-class LinearisedResidual(eqx.Module):
-    """Whitened residuals and their Jacobian as a function of the p free numbers, for what is compiled with it."""
-
-    residual: Residual
-    weights: Float[Array | np.ndarray, " records"]
-
-    def __call__(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
-        (whitened, _), (jacobian, _) = OfFunction(self.residual, self.weights).linearised(free)
-        return whitened, jacobian
+def linearised_residual(
+    residual: Residual, weights: Float[Array | np.ndarray, " records"], free: Point
+) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+    """Whitened residuals and their Jacobian, for what is compiled with them."""
+    (whitened, _), (jacobian, _) = OfFunction(residual, weights).linearised(free)
+    return whitened, jacobian
 
 
 class _OfStudy(NamedTuple):
@@ -190,9 +183,6 @@ class _OfStudy(NamedTuple):
         directions = self.residual.transform.directions(np.asarray(point))
         found = self.evaluator([self.residual.values(point)], self.weights, self._used(), directions)
         return (found.residual, found.offsets), (found.jacobian, found.offsets_jacobian)
-
-    def lowered(self, point: Point) -> Lowered:
-        return self.evaluator.lowered(self.residual.values(point), self.weights)
 
     def _used(self) -> Bool[np.ndarray, " all_records"]:
         used = np.zeros(len(self.evaluator.predictor.samples), bool)

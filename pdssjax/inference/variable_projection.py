@@ -13,13 +13,14 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..study import split_path
-from .problem import LinearisedResidual, Problem
+from .problem import Problem, linearised_residual
 from .solver.box_least_squares import solve_in_box, triangle
 
 FEWEST_LINEAR = 2
@@ -103,9 +104,8 @@ def project(
     """
     linear, searched = linear & fitted, fitted & ~linear
     logarithmic = problem.residual.transform.logarithmic
-    task = _Task(
-        LinearisedResidual(problem.residual, weights), linear, searched, searched & logarithmic, *problem.bounds
-    )
+    evaluate = eqx.Partial(linearised_residual, problem.residual, weights)
+    task = _Task(evaluate, linear, searched, searched & logarithmic, *problem.bounds)
     here = _solved(task, np.clip(free, task.low, task.high))
     count = 1
     if searched.any() and np.isfinite(here.chi2):
@@ -119,7 +119,7 @@ def project(
 
 
 class _Task(NamedTuple):
-    at: LinearisedResidual
+    at: Callable[[Float[np.ndarray, " p"]], tuple[Float[Array, " n"], Float[Array, "n p"]]]
     linear: Bool[np.ndarray, " p"]
     searched: Bool[np.ndarray, " p"]
     positive: Bool[np.ndarray, " p"]

@@ -216,7 +216,6 @@ def best_fit(
     starts, missing = guess_starts(study.models, study.parameters, study.records)
     problem = pose(study, starts, accuracy, loss, effort)
     warn_of_memory_use(problem, starts)
-    problem.lowered(problem.encode(starts)).compile()
     if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
         fit, problem = with_noise(run(problem, starts, report), problem, run, report)
         return Evidence(problem, fit, study), starts

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...core import Lowered, Tree, kept_jit
+from ...core import Tree, kept_jit
 from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judged, linearised
 from .lm_state import Ending, LMState
 from .trust_region import Bounds, Trial, first_point, second_point, trial_point
@@ -52,10 +52,6 @@ class OfFunction(NamedTuple):
 
     def linearised(self, point: Point) -> Linearised:
         return _linearised(self.function, point, self.args)
-
-    def lowered(self, point: Point) -> Lowered:
-        """`linearised`, traced; its `compile` may go on in another thread."""
-        return _linearised.prepared(self.function, point, self.args)
 
 
 class Run(NamedTuple):
@@ -131,13 +127,6 @@ def _begun(solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, stat
 
 
 @kept_jit
-def _gone_on(
-    point: Point, bounds: Bounds, state: LMState, trial: Trial, found: Float[Array, " n"]
-) -> tuple[Free, Free]:
-    return second_point(jnp.asarray(point), bounds, state, trial, found)
-
-
-@kept_jit
 def _judged(
     solver: BoundedLevenbergMarquardt,
     point: Point,
@@ -150,14 +139,4 @@ def _judged(
     return solver.judged(jnp.asarray(point), bounds, state, trial, step, jnp.stack(ends))
 
 
-@kept_jit
-def _moved(
-    solver: BoundedLevenbergMarquardt,
-    bounds: Bounds,
-    state: LMState,
-    trial: Trial,
-    judged: Judged,
-    out: tuple[Float[Array, " n"], Tree],
-    slopes: tuple[Float[Array, "n p"], Tree],
-) -> LMState:
-    return solver.moved(bounds, state, trial, judged, out, slopes)
+_gone_on, _moved = kept_jit(second_point), kept_jit(BoundedLevenbergMarquardt.moved)
