@@ -8,7 +8,7 @@ the other parameters, is that of the fit with the offsets free.
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -149,7 +149,8 @@ class Evaluator:
         sloped = np.asarray(directions is not None)
         directions = np.zeros((free, free)) if directions is None else directions
         used = np.ones(len(self.predictor.samples), bool) if used is None else used
-        return _evaluated(self, numbers, np.asarray(len(points)), np.asarray(weights), used, sloped, directions)
+        given: tuple[Any, ...] = numbers, np.asarray(len(points)), np.asarray(weights), used, sloped, directions
+        return _evaluated(self, *given)
 
 
 @kept_jit

@@ -83,7 +83,7 @@ def summarise(
     problem, fit = evidence.problem, evidence.fit
     free, loss = problem.residual.transform, problem.residual.loss
     values = {path: float(value) for path, value in {**starts, **free.decode(fit.free)}.items()}
-    errors, mixed = standard_errors_of(method, evidence, stack), inseparable(problem, fit)
+    errors, mixed = standard_errors_of(method, evidence, stack), inseparable(evidence)
     factor = errors.factor
     weakly_determined, known, deviation = _determined(errors.known, free, mixed)
     slopes = np.abs(free.slope(fit.free))

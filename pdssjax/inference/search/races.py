@@ -108,12 +108,16 @@ def restarts(
     **Returns:** the best, once so many in a row as `most` found no better one, with the evaluations of all.
     """
     random = np.random.default_rng(0)
-    taken, spent, in_vain = 0, 0, 0
+    taken = spent = in_vain = 0
     while np.isfinite(fit.chi2) and needed(fit) and in_vain < most:
         factor, isotropic = 2.0 ** (in_vain % MOST_RESTARTS), in_vain >= MOST_RESTARTS
         isotropic |= bool(problem.residual.transform.at_bound(fit.free).all())
-        step = _isotropic_step(fit, factor, random) if isotropic else _step_of_errors(fit, problem, factor, random)
-        rival = run(problem, problem.decode(_perturbed(fit, problem, step)), quiet)
+        if isotropic:  # so that parameters at bounds leave them
+            step = _SCATTER * factor * random.normal(size=fit.free.size)
+        else:
+            step = _step_of_errors(fit, problem, factor, random)
+        step = step / max(1.0, np.max(np.abs(step)) / _LARGEST_PERTURBATION)
+        rival = run(problem, problem.decode(np.clip(fit.free + step, *problem.bounds)), quiet)
         spent += rival.evaluations
         in_vain = 0 if rival.chi2 < fit.chi2 - 1.0 else in_vain + 1
         if rival.chi2 < fit.chi2 - _LOWER:
@@ -129,11 +133,6 @@ def _is_discontinuous(fit: Fit) -> bool:
     return fit.ending in _DISCONTINUOUS_ENDINGS or int(last.evaluations) - 5 > _DISCONTINUOUS * int(last.iterations)
 
 
-def _isotropic_step(fit: Fit, factor: float, random: np.random.Generator) -> np.ndarray:
-    """A random step, as large for every parameter, so that those at bounds leave them."""
-    return _SCATTER * factor * random.normal(size=fit.free.size)
-
-
 def _step_of_errors(fit: Fit, problem: Problem, factor: float, random: np.random.Generator) -> np.ndarray:
     """A random step of some standard errors, in parameters that are not at bounds."""
     moves = ~problem.residual.transform.at_bound(fit.free)
@@ -141,12 +140,6 @@ def _step_of_errors(fit: Fit, problem: Problem, factor: float, random: np.random
     errors = 1.0 / np.maximum(singular, 1e-9 * singular[0])
     sizes = np.minimum(_PERTURBATION * factor * errors, _LARGEST_PERTURBATION)
     return (rows.T @ (sizes * random.normal(size=singular.size))) * moves
-
-
-def _perturbed(fit: Fit, problem: Problem, step: np.ndarray) -> np.ndarray:
-    """The end of the `fit` and a `step` further, within the bounds; no parameter leaves farther than allowed."""
-    step = step / max(1.0, np.max(np.abs(step)) / _LARGEST_PERTURBATION)
-    return np.clip(fit.free + step, *problem.bounds)
 
 
 class Race(NamedTuple):
@@ -334,11 +327,9 @@ def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
     low, high = problem.bounds
     begun = problem.encode(starts)
     reached = ((fit.free <= low) & (begun > low)) | ((fit.free >= high) & (begun < high))
-    return bool(reached.any()) and _gain_beyond_bounds(fit, problem) > _NOTICEABLE
-
-
-def _gain_beyond_bounds(fit: Fit, problem: Problem) -> float:
-    """Decrease of chi-square, in units of its reduced value, that the linear model predicts without bounds."""
+    if not reached.any():
+        return False
+    # By the linear model without bounds.
     jacobian, residual = np.asarray(fit.state.jacobian), np.asarray(fit.state.residual)
-    step = scaled_least_squares(jacobian, residual, 1e-9)
-    return float(np.sum((jacobian @ step) ** 2) / max(Evidence(problem, fit).reduced_chi2, 1e-300))
+    gain = float(np.sum((jacobian @ scaled_least_squares(jacobian, residual, 1e-9)) ** 2))
+    return gain / max(Evidence(problem, fit).reduced_chi2, 1e-300) > _NOTICEABLE

@@ -69,7 +69,7 @@ def iterate(run: Run, point: Point, state: LMState) -> tuple[Point, LMState, boo
     step, found = trial.proposal.step, state.residual
     if trial.bending or trial.checking:
         found = evaluations.values(first)[0]
-        step, last = _gone_on(point, bounds, state, trial, found)
+        step, last = _gone_on(point, bounds, state, trial, found)  # pyright: ignore[reportArgumentType]
     judged = _judged(solver, point, bounds, state, trial, step, (found, evaluations.values(last)[0]))
     if not bool(judged.accepted):
         return point, judged.state, _is_over(judged.state)

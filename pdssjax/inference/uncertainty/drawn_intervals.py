@@ -21,7 +21,7 @@ from ...metrics import effective_size, effective_size_of_tails, rhat
 from ...study import Draws, Estimate, FittedParameter, ParameterDraws
 from ..draws import Drawing
 from ..evidence import Evidence
-from ..least_squares import Fit, FitMethod, Progress
+from ..least_squares import FitMethod, Progress
 from ..notes.about_records import about_better_optimum
 from ..parameter_transform import Box
 from ..problem import Problem
@@ -135,15 +135,15 @@ MANY_FAILED = 0.05
 
 def with_bootstrap(
     estimate: Estimate,
-    problem: Problem,
-    fit: Fit,
+    evidence: Evidence,
     run: FitMethod,
     drawing: Drawing,
     executor: Executor | None,
     report: Progress,
 ) -> Estimate:
     """`estimate` with the percentiles of a bootstrap as 95 % intervals, and all replicates as `draws`."""
-    replicates = bootstrap(problem, fit, run, Evidence(problem, fit).variance_factor, drawing, executor, report)
+    problem, fit = evidence.problem, evidence.fit
+    replicates = bootstrap(problem, fit, run, evidence.variance_factor, drawing, executor, report)
     good = [replicate.free for replicate in replicates if replicate.success]
     failed = len(replicates) - len(good)
     notes = [*estimate.notes, *_about_replicates(replicates, failed)]
@@ -184,7 +184,7 @@ def summary_of_replicates(
 
 
 def with_posterior(
-    estimate: Estimate, problem: Problem, fit: Fit, drawing: Drawing, executor: Executor | None, report: Progress
+    estimate: Estimate, evidence: Evidence, drawing: Drawing, executor: Executor | None, report: Progress
 ) -> Estimate:
     """`estimate` with the middle 95 % of the posterior as intervals, and all draws as `draws`.
 
@@ -192,7 +192,7 @@ def with_posterior(
 
     **Raises:** `InputError` where the fit itself cannot be simulated, or what was kept is not what a run writes.
     """
-    factor = Evidence(problem, fit).variance_factor
+    problem, fit, factor = evidence.problem, evidence.fit, evidence.variance_factor
     moving = np.array([estimate.parameters[path].identifiable for path in estimate.names])
     if not moving.any():
         note = "No posterior: the data say nothing about any parameter."

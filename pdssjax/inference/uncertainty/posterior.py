@@ -314,8 +314,9 @@ def sample_posterior(
     """
     wanted = drawing.count or DRAWS
     blocks = -(-wanted // BLOCK)
+    shapes = {"free": (BLOCK, model.optimum.at.size), "proposed": (BLOCK,), "log_posterior": (BLOCK,)}
     with reading(drawing.store, "draws of the chains"):
-        kept = {_task_of(entry, model.optimum.at.size): entry for entry in drawing.store.kept()}
+        kept = {task_of(entry, shapes): entry for entry in drawing.store.kept()}
     due = [(chain, block) for block in range(blocks) for chain in range(chains) if (chain, block) not in kept]
     if due:
         learned = learn(model, drawing.seed, executor, report)
@@ -370,15 +371,18 @@ def _judged(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[in
     return {"chain": task[0], "block": task[1], **draws, "log_posterior": density}
 
 
-def _task_of(entry: Document, size: int) -> tuple[int, int]:
-    """Chain and block of an `entry`."""
+def task_of(entry: Document, shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, int]:
+    """Chain and block of an `entry` of a store, whose numbers have these `shapes` by name.
+
+    **Raises:** `TypeError` or `ValueError` where it is none, or has numbers that are not finite.
+    """
     task = entry["chain"], entry["block"]
     if not all(isinstance(number, int) for number in task):
         raise TypeError(f"chain, block = {task!r}")
-    for name, shape in (("free", (BLOCK, size)), ("proposed", (BLOCK,)), ("log_posterior", (BLOCK,))):
+    for name, shape in shapes.items():
         numbers = np.array(entry[name], float)
         if numbers.shape != shape:
-            raise ValueError(f"{name} of block {task[1]} of chain {task[0]} without {BLOCK} draws of {size} parameters")
+            raise ValueError(f"{name} of block {task[1]} of chain {task[0]} without the shape {shape}")
         # Where the model cannot be simulated there is no density, and it is NaN.
         if not np.isfinite(numbers).all() and (name != "log_posterior" or np.isinf(numbers).any()):
             raise ValueError(f"{name} of block {task[1]} of chain {task[0]} with numbers that are not finite")

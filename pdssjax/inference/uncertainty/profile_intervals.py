@@ -263,7 +263,7 @@ def notes_of(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...]
 
 
 def with_profile_intervals(
-    estimate: Estimate, problem: Problem, fit: Fit, executor: Executor | None, report: Progress
+    estimate: Estimate, evidence: Evidence, executor: Executor | None, report: Progress
 ) -> Estimate:
     """`estimate` with 95 % intervals that end where chi-square, minimised over all else, exceeds its threshold.
 
@@ -272,16 +272,13 @@ def with_profile_intervals(
     the data say nothing keep their interval.  A note names every end that is no ordinary one.  `profiles` holds the
     curve between the ends of each.
     """
-    factor = Evidence(problem, fit).variance_factor
-    thresholds = _thresholds(estimate, problem, fit, factor)
-    transform = problem.residual.transform
+    thresholds, transform = _thresholds(estimate, evidence), evidence.problem.residual.transform
     kept = [path for path in transform.paths if estimate.parameters[path].identifiable]
     tied = [path for path in kept if transform.along(path) is not transform]
-    estimate = _profiled(
-        estimate, problem, fit, [p for p in kept if p not in tied], thresholds, factor, executor, report
-    )
+    rest = thresholds, evidence.variance_factor, executor, report
+    estimate = _profiled(estimate, evidence.problem, evidence.fit, [p for p in kept if p not in tied], *rest)
     for path in tied:  # each in numbers of the fit of which it is one
-        estimate = _profiled(estimate, *_along(path, problem, fit), [path], thresholds, factor, executor, report)
+        estimate = _profiled(estimate, *_along(path, evidence.problem, evidence.fit), [path], *rest)
     order = [profile for path in kept for profile in estimate.profiles if profile.path == path]
     return dataclasses.replace(estimate, profiles=tuple(order))
 
@@ -333,21 +330,21 @@ def _profiled(
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
 
 
-def _thresholds(estimate: Estimate, problem: Problem, fit: Fit, factor: float) -> Float[np.ndarray, " p"]:
+def _thresholds(estimate: Estimate, evidence: Evidence) -> Float[np.ndarray, " p"]:
     """Excess of chi-square over its minimum at the ends of the interval of each parameter.
 
     A profile of chi-square is the ratio of the parameter's variance to that by the noise given, times chi-square's
     distribution of one degree of freedom (J. T. Kent, Biometrika 69(1), 1982), or that of t^2 where the noise was
-    estimated.  At a bound, where there is no variance, it is the `factor` of the noise given, and the fewest degrees of
+    estimated.  At a bound, where there is no variance, it is the factor of the noise given, and the fewest degrees of
     freedom of the others.
     """
-    free = problem.residual.transform
+    free, fit = evidence.problem.residual.transform, evidence.fit
     held = free.at_bound(fit.free)
     given = free.own_covariance(least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix)
     freedom = np.array([estimate.parameters[path].degrees_of_freedom for path in free.paths])
     freedom = np.where(held, np.min(freedom), freedom)
     ratio = np.diag(estimate.covariance) / (np.diag(given) * free.slope(fit.free) ** 2)
-    return half_width_95(freedom) ** 2 * np.nan_to_num(ratio, nan=factor)
+    return half_width_95(freedom) ** 2 * np.nan_to_num(ratio, nan=evidence.variance_factor)
 
 
 def _at_bound(problem: Problem, optimum: Linearisation, index: int, side: float) -> bool:

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from pdssjax.inference import Evidence, least_squares_covariance
+from pdssjax.inference import Evidence, all_error_models, least_squares_covariance, with_error_models
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty import influence
 from pdssjax.inference.uncertainty.influence import FittedPoint
-from pdssjax.inference.uncertainty.parameter_errors import all_error_models, with_error_models
 
 RANDOM = np.random.default_rng(9)
 PATHS = ("piezo.gain", "piezo.damping_ratio", "friction.sigma0", "friction.sigma1", "friction.f_ss")

@@ -47,7 +47,7 @@ def proposed(free, first_two=None):
     free, of = np.array(free), model()
     basis = np.asarray(tangents(of.optimum.jacobian @ of.axes))
     randomized = (free * [1.0, 500.0] if first_two is None else np.array(first_two)) @ basis[:2]
-    return Proposals(free, randomized, np.zeros(len(free)), np.zeros(len(free)))
+    return Proposals(free, randomized, np.zeros(len(free)), np.zeros(len(free)), np.ones(len(free), bool))
 
 
 def found(of, draws):
