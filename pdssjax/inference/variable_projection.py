@@ -195,7 +195,7 @@ def _leaves_unused(task: _Task, here: _Point) -> bool:
 
 
 def _by_gauss_newton(task: _Task, here: _Point, most: int = _MOST) -> tuple[_Point, int]:
-    """Far from the end: where damped steps lead, and how many points were solved at."""
+    """Where damped Gauss-Newton steps lead, far from the end, and how many points were solved at."""
     damping, count = _BEGIN, 0
     while count < most and damping <= _LARGEST:
         step = np.zeros(here.free.size)
@@ -211,7 +211,7 @@ def _by_gauss_newton(task: _Task, here: _Point, most: int = _MOST) -> tuple[_Poi
 
 
 def _by_quasi_newton(task: _Task, here: _Point) -> tuple[_Point, int]:
-    """Near the end (BFGS): thresholds bend chi-square more than the linear model of large residuals knows."""
+    """Where BFGS leads, near the end: thresholds bend chi-square more than a linear model of large residuals knows."""
     inside = task.searched & (here.free > task.low) & (here.free < task.high)
     if not inside.any():
         return here, 0

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...study import Amplification
-from ..covariance import NO_INFORMATION, estimate_sensitivity, least_squares_covariance
+from ..covariance import NO_INFORMATION, least_squares_covariance, scaled_least_squares
 from ..evidence import Evidence
 from ..least_squares import Fit, Method, Progress, evaluated, quiet
 from ..parameter_transform import Box
@@ -265,7 +265,8 @@ def amplification_of(problem: Problem, fit: Fit, identifiable: Bool[np.ndarray, 
     jacobian = np.asarray(fit.state.jacobian)[used]
     relative = transform.slope(fit.free) / np.where(values == 0.0, np.inf, values)
     mixing = transform.own_effect(np.eye(values.size)).T
-    sensitivity = estimate_sensitivity(jacobian[:, later], jacobian[:, earlier])
+    # Where those fitted earlier are held those fitted later are where J_b' r = 0: the first of two steps moves them.
+    sensitivity = -scaled_least_squares(jacobian[:, later], jacobian[:, earlier])
     matrix = mixing[np.ix_(later, later)] @ sensitivity @ np.linalg.inv(mixing[np.ix_(earlier, earlier)])
     paths = np.array(transform.paths)
     return Amplification(
