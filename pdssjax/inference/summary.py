@@ -70,11 +70,7 @@ WEAKLY_DETERMINED = float(np.log(10.0))
 
 
 def summarise(
-    study: Study,
-    method: Method,
-    evidence: Evidence,
-    starts: Mapping[str, float],
-    stack: PickedStack | None = None,
+    study: Study, method: Method, evidence: Evidence, starts: Mapping[str, float], stack: PickedStack | None = None
 ) -> Estimate:
     """The estimate that the fit of a `study` amounts to, by its `evidence`; `seconds` is left at 0.
 
@@ -228,11 +224,7 @@ def _parameters(
 
 
 def _compared(
-    study: Study,
-    evidence: Evidence,
-    matrix: Float[np.ndarray, "p p"],
-    values: dict[str, float],
-    factor: float,
+    study: Study, evidence: Evidence, matrix: Float[np.ndarray, "p p"], values: dict[str, float], factor: float
 ) -> tuple[FittedRecord, ...]:
     """Every record beside its prediction, each with its own zero."""
     problem, fit = evidence.problem, evidence.fit
@@ -267,9 +259,7 @@ def _compared(
 
 
 def _undisturbed(
-    evidence: Evidence,
-    values: Mapping[str, float],
-    motions: list[Float[np.ndarray, " samples"]],
+    evidence: Evidence, values: Mapping[str, float], motions: list[Float[np.ndarray, " samples"]]
 ) -> Sequence[Float[np.ndarray, " samples"] | None]:
     """The prediction of every record by the fit without the samples that stand out; None stands for `motions`."""
     problem, fit = evidence.problem, evidence.fit

@@ -62,8 +62,7 @@ def as_forces(records: Sequence[Record]) -> list[Record]:
 
 
 def _converted(
-    records: Sequence[Record],
-    conversion: Callable[[Record], Callable[[Samples], Float[np.ndarray, " samples"] | None]],
+    records: Sequence[Record], conversion: Callable[[Record], Callable[[Samples], Float[np.ndarray, " samples"] | None]]
 ) -> list[Record]:
     """The records that a `conversion` of theirs applies to, with its result in place of what was measured."""
     out = []

@@ -19,17 +19,7 @@ from ...core import InputError, check_kind, on_device, require_float64
 from ...integration import Accuracy
 from ...metrics import scatter_floor
 from ...piezo.base import Shown
-from ...study import (
-    MARK,
-    Models,
-    Parameter,
-    Predictor,
-    Record,
-    Study,
-    Values,
-    check_begins_early,
-    split_path,
-)
+from ...study import MARK, Models, Parameter, Predictor, Record, Study, Values, check_begins_early, split_path
 from ..losses.base import AbstractLoss
 from ..residual import TOGETHER, Comparison, Evaluator, as_weights, prior_measurements
 from .loop_starts import loop_starts

@@ -224,13 +224,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         return Trial(proposal, jnp.stack(_apart(state, y, options, self.atol)), checking, bending)
 
     def judged(
-        self,
-        y: Free,
-        options: Bounds,
-        state: LMState,
-        trial: Trial,
-        step: Free,
-        ends: Float[Array, "2 n"],
+        self, y: Free, options: Bounds, state: LMState, trial: Trial, step: Free, ends: Float[Array, "2 n"]
     ) -> Judged:
         """What the evaluations of a `trial` say of its `step`: the residuals at its probe and its end, or apart."""
         proposal, residual = trial.proposal, ends[1]

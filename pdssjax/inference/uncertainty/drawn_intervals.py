@@ -317,9 +317,7 @@ def about_endless(paths: Sequence[str], ends: Mapping[Which, End], logarithmic: 
 
 
 def about_better_optima(
-    paths: Sequence[str],
-    ends: Mapping[Which, End],
-    in_si: Callable[[Float[np.ndarray, " p"]], Float[np.ndarray, " p"]],
+    paths: Sequence[str], ends: Mapping[Which, End], in_si: Callable[[Float[np.ndarray, " p"]], Float[np.ndarray, " p"]]
 ) -> list[str]:
     """A note on the best of the points below the optimum that searches for ends have met."""
     better = {which: end for which, end in ends.items() if end.verdict == Verdict.LOWER}

@@ -89,12 +89,7 @@ def curvature_of(
     return out
 
 
-def _inside(
-    free: Float[np.ndarray, " p"],
-    direction: Float[np.ndarray, " p"],
-    step: float,
-    bounds: Box,
-) -> float:
+def _inside(free: Float[np.ndarray, " p"], direction: Float[np.ndarray, " p"], step: float, bounds: Box) -> float:
     """`step`, or the other way, or a shorter one, so that no bound is crossed; tiny where every one crosses one."""
     for _ in range(40):
         for way in (step, -step):

@@ -130,11 +130,7 @@ class _Sampler(NamedTuple):
 
 
 def sample_by_trajectories(
-    model: Model,
-    drawing: Drawing,
-    executor: Executor | None,
-    report: Progress,
-    chains: int = CHAINS,
+    model: Model, drawing: Drawing, executor: Executor | None, report: Progress, chains: int = CHAINS
 ) -> Chains:
     """Draws of several chains; what the store has kept is not drawn again.
 

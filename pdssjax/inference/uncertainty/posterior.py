@@ -299,11 +299,7 @@ class Chains(NamedTuple):
 
 
 def sample_posterior(
-    model: Model,
-    drawing: Drawing,
-    executor: Executor | None,
-    report: Progress,
-    chains: int = CHAINS,
+    model: Model, drawing: Drawing, executor: Executor | None, report: Progress, chains: int = CHAINS
 ) -> Chains:
     """Draws of several chains; what the store has kept is not asked of the model again.
 

@@ -130,11 +130,7 @@ class _Side:
             self.missed = float(np.fmax(self.missed, missed if halvings < _HALVINGS else missed / 16.0))
         if missed < _BENT:
             return [node]
-        return [
-            *self._between(one_end, node, halvings - 1),
-            node,
-            *self._between(node, other_end, halvings - 1),
-        ]
+        return [*self._between(one_end, node, halvings - 1), node, *self._between(node, other_end, halvings - 1)]
 
     def _corrected(self, point: Linearisation) -> _Node:
         """The node at a `point`, after steps of the others that bring it into the valley where it is off."""

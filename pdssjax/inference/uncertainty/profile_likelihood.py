@@ -88,10 +88,7 @@ def standard_errors(
 
 
 def probe_places(
-    at: Float[np.ndarray, " p"],
-    sizes: Float[np.ndarray, " p"],
-    scale: Float[np.ndarray, "p p"],
-    bounds: Box,
+    at: Float[np.ndarray, " p"], sizes: Float[np.ndarray, " p"], scale: Float[np.ndarray, "p p"], bounds: Box
 ) -> list[Float[np.ndarray, " p"]]:
     """A place a parameter: each goes a little along the valley in which that one would leave the point."""
     places = []

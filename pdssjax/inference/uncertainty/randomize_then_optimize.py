@@ -143,12 +143,7 @@ class Mixture(RandomizedResiduals):
     widths: Widths
 
 
-def propose(
-    mixture: Mixture,
-    bounds: Box,
-    count: int,
-    random: np.random.Generator,
-) -> Proposals:
+def propose(mixture: Mixture, bounds: Box, count: int, random: np.random.Generator) -> Proposals:
     """`count` independent draws of parameters between the `bounds`.
 
     **Raises:** `NothingToDraw` where nearly no randomized residual has a solution between the bounds.
@@ -177,9 +172,7 @@ def propose(
 
 @eqx.filter_jit
 def _proposals(
-    mixture: Mixture,
-    targets: Float[Array | np.ndarray, "n q"],
-    linear: Bool[Array | np.ndarray, " n"],
+    mixture: Mixture, targets: Float[Array | np.ndarray, "n q"], linear: Bool[Array | np.ndarray, " n"]
 ) -> Proposals:
     """Draws for several `targets`: u, or w for those that are `linear`."""
     equation = mixture.equation()
