@@ -219,12 +219,15 @@ def best_fit(
     if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
         fit, problem = with_noise(run(problem, starts, report), problem, run, report)
         return Evidence(problem, fit, study), starts
-    found = ranked(study, study.parameters, problem, starts, report, effort) if missing else []
     budget = Budget(effort)
     tried, unobserved = budget.counted(run), missing and platform_unobserved(study, problem)
-    contest = Contest(study, problem, found, unobserved, tried, report, excused, effort)
-    fit = _first(problem, found[0], tried, report) if missing else tried(problem, starts, report)
-    starts = shown(found[0], starts, contest) if missing else starts
+    contest = Contest(study, problem, [], unobserved, tried, report, excused, effort)
+    if missing:
+        contest.found = ranked(study.parameters, starts, contest)
+        fit = _first(problem, contest.found[0], tried, report)
+        starts = shown(contest.found[0], starts, contest)
+    else:
+        fit = tried(problem, starts, report)
     raced = reason_at_first(fit, contest)
     if raced:
         fit, starts = race(raced, fit, starts, contest)

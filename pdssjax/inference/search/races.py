@@ -175,7 +175,7 @@ _NOTICEABLE = 4.0
 """Decrease of chi-square that noise alone seldom leaves: two standard errors of one parameter."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Contest:
     """Data that all races of one study share."""
 
@@ -191,7 +191,7 @@ class Contest:
     """Whether what a poor fit leaves comes of what is held in it, so that no other start would help; None: never."""
     effort: Effort = USUAL
     """Decides how many starts are tried."""
-    judged: list[Evidence] = dataclasses.field(default_factory=list)
+    judged: Evidence | None = None
     """The evidence of the fit judged last."""
 
     def is_poor(self, fit: Fit) -> bool:
@@ -207,9 +207,9 @@ class Contest:
 
     def evidence(self, fit: Fit) -> Evidence:
         """The evidence of a `fit`, computed once for each."""
-        if not self.judged or self.judged[-1].fit is not fit:
-            self.judged[:] = [Evidence(self.problem, fit, self.study)]
-        return self.judged[-1]
+        if self.judged is None or self.judged.fit is not fit:
+            self.judged = Evidence(self.problem, fit, self.study)
+        return self.judged
 
 
 def platform_unobserved(study: Study, problem: Problem) -> bool:
@@ -257,18 +257,12 @@ def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> t
     return best, shown(begun, starts, contest)
 
 
-def ranked(
-    study: Study,
-    parameters: Mapping[str, Parameter],
-    problem: Problem,
-    starts: Values,
-    report: Progress,
-    effort: Effort = USUAL,
-) -> list[dict[str, float]]:
+def ranked(parameters: Mapping[str, Parameter], starts: Values, contest: Contest) -> list[dict[str, float]]:
     """Starts from the search, the most promising first, with the piezo from the platform records alone."""
-    piezo = piezo_alone(problem, starts, report)
-    report("searching for starts")
-    return rank_starts(study.models, parameters, study.records, piezo, effort.starts, problem.residual.loss)
+    study, loss = contest.study, contest.problem.residual.loss
+    piezo = piezo_alone(contest.problem, starts, contest.report)
+    contest.report("searching for starts")
+    return rank_starts(study.models, parameters, study.records, piezo, contest.effort.starts, loss)
 
 
 def shown(begun: dict[str, float], earlier: dict[str, float], contest: Contest) -> dict[str, float]:
@@ -279,10 +273,16 @@ def shown(begun: dict[str, float], earlier: dict[str, float], contest: Contest) 
 
 
 def _searched(starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
-    """Further starts from a search; where the study gives all starts, those found without them."""
+    """Further starts from a search; where the study gives all starts, those found without them.
+
+    What the platform shows and what was measured apart is known better, and keeps its starts.
+    """
     if contest.found:
         return contest.found[1:]
-    return ranked(contest.study, _without_starts(contest), contest.problem, starts, contest.report, contest.effort)
+    known = lambda path, p: not p.free or p.standard_error or shown_by_platform(path, contest.problem)
+    parameters = contest.study.parameters.items()
+    anywhere = {path: p if known(path, p) else dataclasses.replace(p, start=None) for path, p in parameters}
+    return ranked(anywhere, starts, contest)
 
 
 def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
@@ -306,16 +306,6 @@ def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dic
     contest.report("searching for starts with the stack as the study gives it")
     what = study.models, study.parameters, study.records, around | given, [*held, *given]
     return [*scatter_starts(*what, to_sticking=True, loss=loss)[: contest.effort.some(_STACK_GIVEN)], *scattered]
-
-
-def _without_starts(contest: Contest) -> dict[str, Parameter]:
-    """The parameters as a search may start them anywhere, but for those that are known better.
-
-    They are those that the platform shows and those that were measured apart.
-    """
-    known = lambda path, p: not p.free or p.standard_error or shown_by_platform(path, contest.problem)
-    parameters = contest.study.parameters.items()
-    return {path: p if known(path, p) else dataclasses.replace(p, start=None) for path, p in parameters}
 
 
 def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:

@@ -4,8 +4,8 @@ The residual is compiled as one function for values and one for values with the 
 solver makes of them is small.  Within `optimistix.least_squares` the same solver compiles everything together.
 """
 
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -13,15 +13,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...core import Tree, kept_jit
-from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judged, linearised
+from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judged, ResidualFunction, linearised
 from .lm_state import Ending, LMState
 from .trust_region import Bounds, Trial, first_point, second_point, trial_point
-
-ResidualFunction: TypeAlias = Callable[[Any, Any], Any]
-"""(point, args) to the residuals and what goes with them."""
-
-Shaped: TypeAlias = Any
-"""A pytree of what has a shape and a type of numbers."""
 
 Point: TypeAlias = Float[Array | np.ndarray, " p"]
 
@@ -94,16 +88,14 @@ def _is_over(state: LMState) -> bool:
     return bool(BoundedLevenbergMarquardt.is_over(ending, checked))  # pyright: ignore[reportArgumentType]
 
 
-def begin(run: Run, point: Point, residual: Shaped, others: Shaped) -> LMState:
+def begin(run: Run, point: Point, residual: Tree, others: Tree) -> LMState:
     """The state before anything is evaluated, for a `residual` of that shape and `others` that go with it."""
     shapes = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), (residual, others))
     return _blank(run.solver, np.asarray(point), run.bounds, *shapes)
 
 
 @kept_jit
-def _blank(
-    solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, residual: Shaped, others: Shaped
-) -> LMState:
+def _blank(solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, residual: Tree, others: Tree) -> LMState:
     return solver.init(lambda point, args: (point, None), point, None, bounds, residual, others, frozenset())
 
 

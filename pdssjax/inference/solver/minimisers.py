@@ -5,7 +5,6 @@ one it is the bound plus or minus sqrt(z^2 + 1) - 1 (F. James and M. Roos, Compu
 1975).  What is held is not given to them at all.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
@@ -15,13 +14,10 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from ...core import InputError, Tree
-from .levenberg_marquardt import BoundedLevenbergMarquardt
+from .levenberg_marquardt import BoundedLevenbergMarquardt, ResidualFunction
 
 Minimiser: TypeAlias = optx.AbstractLeastSquaresSolver[Any, Any, Any, Any]
 """Whatever its own state is."""
-
-ResidualFunction: TypeAlias = Callable[[Any, Any], tuple[Float[Array, " n"], Any]]
-"""(point, args) to the residuals and what goes with them."""
 
 _INSIDE = 1e-6
 """A start on a bound, where the sine has no slope, is moved inwards by this share of the distance."""
@@ -85,32 +81,23 @@ class _Bounded(eqx.Module):
     high: Float[Array, " p"]
 
     def bounded(self, z: Float[Array, " p"]) -> Float[Array, " p"]:
-        low, high, both = self._kinds()
+        has_low, has_high, low, high = self._ends()
         reach = jnp.sqrt(z**2 + 1.0) - 1.0
-        middle, half = self._middle()
-        single = jnp.where(low, self._low() + reach, jnp.where(high, self._high() - reach, z))
-        return jnp.where(both, middle + half * jnp.sin(z), single)
+        single = jnp.where(has_low, low + reach, jnp.where(has_high, high - reach, z))
+        return jnp.where(has_low & has_high, 0.5 * (low + high) + 0.5 * (high - low) * jnp.sin(z), single)
 
     def unbounded(self, y: Float[Array, " p"]) -> Float[Array, " p"]:
-        low, high, both = self._kinds()
-        middle, half = self._middle()
-        share = jnp.clip((y - middle) / jnp.where(half > 0.0, half, 1.0), -1.0 + _INSIDE, 1.0 - _INSIDE)
-        away = jnp.maximum(jnp.where(low, y - self._low(), self._high() - y), _INSIDE)
-        single = jnp.where(low | high, jnp.sqrt((away + 1.0) ** 2 - 1.0), y)
-        return jnp.where(both, jnp.arcsin(share), single)
+        has_low, has_high, low, high = self._ends()
+        half = 0.5 * (high - low)
+        share = (y - 0.5 * (low + high)) / jnp.where(half > 0.0, half, 1.0)
+        away = jnp.maximum(jnp.where(has_low, y - low, high - y), _INSIDE)
+        single = jnp.where(has_low | has_high, jnp.sqrt((away + 1.0) ** 2 - 1.0), y)
+        return jnp.where(has_low & has_high, jnp.arcsin(jnp.clip(share, -1.0 + _INSIDE, 1.0 - _INSIDE)), single)
 
-    def _kinds(self) -> tuple[Array, Array, Array]:
-        low, high = jnp.isfinite(self.low), jnp.isfinite(self.high)
-        return low, high, low & high
-
-    def _low(self) -> Float[Array, " p"]:
-        return jnp.where(jnp.isfinite(self.low), self.low, 0.0)
-
-    def _high(self) -> Float[Array, " p"]:
-        return jnp.where(jnp.isfinite(self.high), self.high, 0.0)
-
-    def _middle(self) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
-        return 0.5 * (self._low() + self._high()), 0.5 * (self._high() - self._low())
+    def _ends(self) -> tuple[Array, Array, Array, Array]:
+        """Whether each parameter has a lower and an upper bound, and the bounds, 0 for none."""
+        has_low, has_high = jnp.isfinite(self.low), jnp.isfinite(self.high)
+        return has_low, has_high, jnp.where(has_low, self.low, 0.0), jnp.where(has_high, self.high, 0.0)
 
 
 class _Inserted(eqx.Module):

@@ -305,11 +305,19 @@ def _profiled(
     optimum = linearisation_at(fit)
     report("curvature at the optimum")
     likelihood = ProfileLikelihood(problem.linearised, optimum, thresholds, problem.bounds, factor, executor)
-    both = [(paths.index(path), side) for path in kept for side in SIDES]
-    which = [(index, side) for index, side in both if not _at_bound(problem, optimum, index, side)]
-    tell = lambda done: report(f"intervals: {done} of {len(which)} ends")
-    ends_at = likelihood.ends(which, tell)
-    pairs = {path: _pair(problem, optimum, estimate.parameters[path], ends_at) for path in kept}
+    both, (low, high) = [(paths.index(path), side) for path in kept for side in SIDES], problem.bounds
+    at_bound = {-1.0: optimum.at <= low, 1.0: optimum.at >= high}
+    which = [(index, side) for index, side in both if not at_bound[side][index]]
+    found = likelihood.ends(which, lambda done: report(f"intervals: {done} of {len(which)} ends"))
+
+    def ends_of(path: str) -> tuple[End, End]:
+        """Both ends of a parameter: those found, or the bound that it lies at."""
+        index = paths.index(path)
+        bound = End(float(optimum.at[index]), Verdict.AT_BOUND, optimum, 0)
+        ends = (_opened(found.get((index, side), bound), side, estimate.parameters[path], problem) for side in SIDES)
+        return next(ends), next(ends)
+
+    pairs = {path: ends_of(path) for path in kept}
     draw = lambda path: profile_curve(likelihood, paths.index(path), pairs[path])
     curves: dict[str, Curve] = {}
     for path, curve in each_done(draw, kept, executor):
@@ -318,9 +326,9 @@ def _profiled(
     parameters, notes, profiles = dict(estimate.parameters), list(estimate.notes), list(estimate.profiles)
     for path in kept:
         index, parameter, ends = paths.index(path), estimate.parameters[path], pairs[path]
-        low, high = (_value(problem, index, end) for end in ends)
+        interval = _value(problem, index, ends[0]), _value(problem, index, ends[1])
         verdicts = str(ends[0].verdict), str(ends[1].verdict)
-        parameters[path] = dataclasses.replace(parameter, interval=(low, high), verdicts=verdicts)
+        parameters[path] = dataclasses.replace(parameter, interval=interval, verdicts=verdicts)
         profiles.append(_profile(problem, likelihood, index, curves[path], ends))
         notes += notes_of(parameter, problem, ends, float(optimum.at[index]))
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
@@ -343,28 +351,12 @@ def _thresholds(estimate: Estimate, evidence: Evidence) -> Float[np.ndarray, " p
     return half_width_95(freedom) ** 2 * np.nan_to_num(ratio, nan=evidence.variance_factor)
 
 
-def _at_bound(problem: Problem, optimum: Linearisation, index: int, side: float) -> bool:
-    """The parameter lies at the end of its range on that `side`."""
-    low, high = problem.bounds
-    return bool(optimum.at[index] >= high[index] if side > 0 else optimum.at[index] <= low[index])
-
-
-def _pair(
-    problem: Problem, optimum: Linearisation, parameter: FittedParameter, found: dict[tuple[int, float], End]
-) -> tuple[End, End]:
-    """Both ends of a `parameter`: those `found`, or the bound that it lies at."""
-    index = problem.residual.transform.paths.index(parameter.path)
-    bound = End(float(optimum.at[index]), Verdict.AT_BOUND, optimum, 0)
-    low, high = (_opened(found.get((index, side), bound), side, parameter, problem) for side in SIDES)
-    return low, high
-
-
 def _opened(end: End, side: float, parameter: FittedParameter, problem: Problem) -> End:
     """An `end` that is where the fit could reach, and no bound of the `parameter`, as what it is: open."""
     if end.verdict != Verdict.AT_BOUND:
         return end
     index = problem.residual.transform.paths.index(parameter.path)
-    bound = parameter.bounds[1 if side > 0 else 0]
+    bound = parameter.bounds[side > 0]
     # Of a legal range the fit leaves out a millionth at its upper end.
     if np.isclose(_in_si(problem, end.point.at, index, end.value), bound, rtol=1e-5, atol=0.0):
         return end
