@@ -163,12 +163,12 @@ def fit_phase(
         free, spent = found.free, found.evaluations
         report(f"{name}: {linear.sum()} linear parameters projected out, chi-square {found.chi2:.6g}")
     limit = min(limit, MAX_ITERATIONS, problem.effort.iterations)
-    outcome = None
+    steps, ended = 0, ""
     if problem.minimiser is not None and fitted.any():
         options, weights = problem.residual.transform.bounds_where(fitted, free), as_weights(problem.noise, used)
-        outcome = minimised(problem.minimiser, problem.residual, free, weights, options, limit)
+        free, steps, ended = minimised(problem.minimiser, problem.residual, free, weights, options, limit)
         # What remains is the word on where it ended, by the same tests as those of the package's own solver.
-        free, spent, limit = outcome.point, spent + outcome.steps, 0
+        spent, limit = spent + steps, 0
     run, point, blank = _begun(problem, free, used, fitted)
     y, state = point, blank
     course: list[tuple[int, float]] = []
@@ -188,11 +188,9 @@ def fit_phase(
     message, success = _message(run, np.asarray(y), state, fitted, limit, predicted)
     if ending == Ending.SLOW_STEPS:
         message = _slow(problem.effort, course)
-    if outcome is not None:
-        iterations += outcome.steps
-        if ending == Ending.RUNNING:
-            message = f"{outcome.name} ended ({outcome.message}) where the gradient is not small"
-    return Fit(np.asarray(y), state, success, message, iterations, int(state.evaluations) + spent, ending)
+    if ended and ending == Ending.RUNNING:
+        message = f"{ended} where the gradient is not small"
+    return Fit(np.asarray(y), state, success, message, iterations + steps, int(state.evaluations) + spent, ending)
 
 
 def _message(

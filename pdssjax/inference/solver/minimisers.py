@@ -5,7 +5,7 @@ one it is the bound plus or minus sqrt(z^2 + 1) - 1 (F. James and M. Roos, Compu
 1975).  What is held is not given to them at all.
 """
 
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -21,17 +21,6 @@ Minimiser: TypeAlias = optx.AbstractLeastSquaresSolver[Any, Any, Any, Any]
 
 _INSIDE = 1e-6
 """A start on a bound, where the sine has no slope, is moved inwards by this share of the distance."""
-
-
-class Outcome(NamedTuple):
-    """Where another solver ended."""
-
-    point: Float[np.ndarray, " p"]
-    steps: int
-    name: str
-    """Name of the solver's class."""
-    message: str
-    """The solver's message on its end."""
 
 
 def check_minimiser(given: object) -> None:
@@ -50,8 +39,11 @@ def minimised(
     args: Tree,
     options: dict[str, Float[np.ndarray, " p"]],
     limit: int,
-) -> Outcome:
-    """Where `minimiser` ends from `point` within the bounds of `options`, after `limit` steps at most."""
+) -> tuple[Float[np.ndarray, " p"], int, str]:
+    """Where `minimiser` ends from `point` within the bounds of `options`, after how many steps, and why in words.
+
+    It takes `limit` steps at most.
+    """
     low, high = options["lower"], options["upper"]
     free = np.flatnonzero(low < high)
     point = np.clip(np.asarray(point, float), low, high)
@@ -59,14 +51,13 @@ def minimised(
     fn = _Inserted(residual, jnp.asarray(point), jnp.asarray(free), begin)
     if isinstance(minimiser, BoundedLevenbergMarquardt):
         found = _run(minimiser, residual, jnp.asarray(point), args, options, limit)
-        end, message = np.asarray(found.value), found.result
+        end = np.asarray(found.value)
     else:
         found = _run(minimiser, fn, begin.unbounded(jnp.asarray(point[free])), args, {"jac": "fwd"}, limit)
-        end, message = np.asarray(fn.point(found.value)), found.result
-    said = optx.RESULTS[message] or "converged by its own tests"
-    return Outcome(
-        np.where(np.isfinite(end), end, point), int(found.stats["num_steps"]), type(minimiser).__name__, said
-    )
+        end = np.asarray(fn.point(found.value))
+    message = optx.RESULTS[found.result] or "converged by its own tests"
+    ended = f"{type(minimiser).__name__} ended ({message})"
+    return np.where(np.isfinite(end), end, point), int(found.stats["num_steps"]), ended
 
 
 @eqx.filter_jit
