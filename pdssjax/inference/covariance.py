@@ -74,18 +74,3 @@ def correlation(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
     deviation = np.sqrt(np.diag(matrix))
     with np.errstate(invalid="ignore", divide="ignore"):
         return matrix / np.outer(deviation, deviation)
-
-
-def estimate_sensitivity(
-    later: Float[np.ndarray, "n l"], earlier: Float[np.ndarray, "n e"]
-) -> Float[np.ndarray, "l e"]:
-    """Derivative of the least-squares estimate of the parameters fitted `later` by those fitted `earlier`.
-
-    With residuals r(a, b) and a held, the estimate of b is where J_b' r = 0, so that an error da moves it by
-    -(J_b' J_b)^-1 J_b' J_a da, to first order (K. M. Murphy and R. H. Topel, Journal of Business and Economic
-    Statistics 3(4), 1985).
-
-    **Arguments:** the columns of the residuals' Jacobian in the parameters fitted `later`, which determine them
-    all, and in those fitted `earlier`.
-    """
-    return -scaled_least_squares(later, earlier)

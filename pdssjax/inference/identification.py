@@ -120,7 +120,7 @@ def identify(
     _check_arguments(study, method, intervals, drawing, executor, accuracy, starts)
     integrator = _integrator(study, accuracy, solver)
     stack = pick_peaks(study) if method == "peaks" else None
-    request = _Request(
+    identification = _Identification(
         whole=study,
         study=with_stack_held(study, stack.values) if stack else study,
         stack=stack,
@@ -139,11 +139,11 @@ def identify(
         effort=effort_of(effort),
         begun=begun,
     )
-    return _estimated(request)
+    return identification.estimate()
 
 
-class _Request(NamedTuple):
-    """The arguments of `identify`, checked."""
+class _Identification(NamedTuple):
+    """The checked arguments of `identify`, and the steps from them to an estimate."""
 
     whole: Study
     study: Study
@@ -168,73 +168,91 @@ class _Request(NamedTuple):
     begun: float
     """Time at which the identification began [s]."""
 
-
-def _estimated(request: _Request) -> Estimate:
-    """The estimate of a request; **raises** `FitInterrupted` with the best so far where it is broken off."""
-    best, done, estimate = BestPoint(), None, None
-    try:
-        found = _found(request, best)
-        done = Point(found.evidence.fit, found.evidence.problem, found.starts, 2)
-        estimate = _summarised(request, done, not request.effort.compares, found.evidence)
-        estimate = dataclasses.replace(estimate, multistart=found.multistart, effort=request.effort.name)
-        estimate = _with_intervals(estimate, found, request)
-        estimate = _checked(estimate, found, request)
-        estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - request.begun)
-    except KeyboardInterrupt as interrupt:
-        point = done or best.point
-        if estimate is None and point is not None:
-            estimate = _summarised(request, point, briefly=not done)
-        raise FitInterrupted(estimate) from interrupt
-    finally:
-        clear_bar(request.report)
-    return estimate
-
-
-def _found(request: _Request, best: BestPoint) -> FitAndStarts:
-    """The fit, its problem and its starts: found anew, or those around which draws go on."""
-    study, report, accuracy, store = request.study, request.report, request.accuracy, request.drawing.store
-    effort = request.effort
-    drawn = request.intervals in DRAWN
-    settings = run_settings(
-        study, request.method, request.intervals, request.drawing, request.starts, accuracy, effort.name
-    )
-    if drawn and (earlier := restored_fit(request.drawing, settings, study, accuracy, report, effort)) is not None:
-        return earlier
-    report("finding starts")
-    run = best.watched(request.run)
-    evidence, starts = best_fit(study, accuracy, run, report, request.loss, request.excused, effort)
-    table = None
-    if request.starts:
-        problem, usual = evidence.problem, evidence.fit
-        fit, starts, table = best_of_starts(
-            study, problem, usual, starts, request.starts, request.run, request.executor, report
-        )
-        if fit.chi2 < usual.chi2:
-            fit, problem = with_noise(fit, problem, request.run, report)
-        evidence = Evidence(problem, fit, study)
-    found = FitAndStarts(evidence, starts, table)
-    if drawn:
-        store.begin(fit_document(settings, found))
-    return found
-
-
-def _with_intervals(estimate: Estimate, found: FitAndStarts, request: _Request) -> Estimate:
-    """`estimate` with the intervals asked for; linear ones where nothing can be drawn around where the fit ended."""
-    problem, fit, intervals = found.evidence.problem, found.evidence.fit, request.intervals
-    if not np.isfinite(fit.chi2):
+    def estimate(self) -> Estimate:
+        """The estimate; **raises** `FitInterrupted` with the best so far where it is broken off."""
+        best, done, estimate = BestPoint(), None, None
+        try:
+            found = self._fit(best)
+            done = Point(found.evidence.fit, found.evidence.problem, found.starts, 2)
+            estimate = self._summary(done, not self.effort.compares, found.evidence)
+            estimate = dataclasses.replace(estimate, multistart=found.multistart, effort=self.effort.name)
+            estimate = self._with_check(self._with_intervals(estimate, found.evidence), found.evidence)
+            estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - self.begun)
+        except KeyboardInterrupt as interrupt:
+            point = done or best.point
+            if estimate is None and point is not None:
+                estimate = self._summary(point, briefly=not done)
+            raise FitInterrupted(estimate) from interrupt
+        finally:
+            clear_bar(self.report)
         return estimate
-    if intervals == "profile":
-        return with_profile_intervals(estimate, problem, fit, request.executor, request.report)
-    if intervals in DRAWN and not estimate.converged:
-        note = f"No {intervals}: the fit did not converge, and its intervals are linear."
-        return dataclasses.replace(estimate, notes=(*estimate.notes, note))
-    if intervals not in DRAWN:
-        return estimate
-    # Evaluated anew, so that a run that goes on begins with the same numbers to the last bit.
-    fit, settings = evaluated(problem, fit.free, quiet), (request.drawing, request.executor, request.report)
-    if intervals == "posterior":
-        return with_posterior(estimate, problem, fit, *settings)
-    return with_bootstrap(estimate, problem, fit, request.run, *settings)
+
+    def _fit(self, best: BestPoint) -> FitAndStarts:
+        """The fit, its problem and its starts: found anew, or those around which draws go on."""
+        study, report, accuracy, effort = self.study, self.report, self.accuracy, self.effort
+        drawn = self.intervals in DRAWN
+        settings = run_settings(study, self.method, self.intervals, self.drawing, self.starts, accuracy, effort.name)
+        if drawn and (earlier := restored_fit(self.drawing, settings, study, accuracy, report, effort)) is not None:
+            return earlier
+        report("finding starts")
+        evidence, starts = best_fit(study, accuracy, best.watched(self.run), report, self.loss, self.excused, effort)
+        table = None
+        if self.starts:
+            problem, usual = evidence.problem, evidence.fit
+            fit, starts, table = best_of_starts(
+                study, problem, usual, starts, self.starts, self.run, self.executor, report
+            )
+            if fit.chi2 < usual.chi2:
+                fit, problem = with_noise(fit, problem, self.run, report)
+            evidence = Evidence(problem, fit, study)
+        found = FitAndStarts(evidence, starts, table)
+        if drawn:
+            self.drawing.store.begin(fit_document(settings, found))
+        return found
+
+    def _summary(self, point: Point, briefly: bool = False, known: Evidence | None = None) -> Estimate:
+        """The estimate at a `point`, by the whole study; `briefly` without second derivatives.
+
+        **Arguments:** the evidence of that fit as far as it is `known`.
+        """
+        study, stack, report = self.whole, self.stack, self.report
+        # Who ends a process with a signal may kill it soon after: no second derivatives then, which take long.
+        report("predicting every record")
+        point = point._replace(fit=completed(point, report), covers=2)
+        if stack is not None:
+            point = rejoined(study, point, point.problem.residual.accuracy, report)
+        if known is None or known.fit is not point.fit:
+            known = Evidence(point.problem, point.fit, study)
+        estimate = summarise(study, self.method, known, point.starts, stack)
+        if stack is None and not point.problem.residual.loss.is_robust and not briefly:
+            estimate = with_error_models(estimate, known, report)
+        minimiser = OWN_MINIMISER if self.minimiser is None else type(self.minimiser).__name__
+        return dataclasses.replace(estimate, minimiser=minimiser, seconds=time.perf_counter() - self.begun)
+
+    def _with_intervals(self, estimate: Estimate, evidence: Evidence) -> Estimate:
+        """`estimate` with the intervals asked for; linear ones where nothing can be drawn around the fit."""
+        problem, fit, intervals = evidence.problem, evidence.fit, self.intervals
+        if intervals == "linear" or not np.isfinite(fit.chi2):
+            return estimate
+        if intervals == "profile":
+            return with_profile_intervals(estimate, evidence, self.executor, self.report)
+        if not estimate.converged:
+            note = f"No {intervals}: the fit did not converge, and its intervals are linear."
+            return dataclasses.replace(estimate, notes=(*estimate.notes, note))
+        # Evaluated anew, so that a run that goes on begins with the same numbers to the last bit.
+        evidence = Evidence(problem, evaluated(problem, fit.free, quiet))
+        settings = self.drawing, self.executor, self.report
+        if intervals == "posterior":
+            return with_posterior(estimate, evidence, *settings)
+        return with_bootstrap(estimate, evidence, self.run, *settings)
+
+    def _with_check(self, estimate: Estimate, evidence: Evidence) -> Estimate:
+        """`estimate` with what a fit by another integrator differs by, where one is asked for."""
+        if self.referee is None:
+            return estimate
+        second = eqx.tree_at(lambda problem: problem.residual.accuracy, evidence.problem, self.referee)
+        second = second._replace(minimiser=self.minimiser)
+        return with_check(estimate, evidence.fit, second, self.method, self.report)
 
 
 def _fit_method(method: Method, minimiser: Minimiser | None) -> FitMethod:
@@ -269,37 +287,6 @@ def _loss(name: str, method: str, intervals: str) -> AbstractLoss:
             f'loss: found "{name}" with method "{method}" and intervals "{intervals}", expected "joint" and "linear".'
         )
     return loss
-
-
-def _checked(estimate: Estimate, found: FitAndStarts, request: _Request) -> Estimate:
-    """`estimate` with what a fit by another integrator differs by, where one is asked for."""
-    if request.referee is None:
-        return estimate
-    problem, fit = found.evidence.problem, found.evidence.fit
-    second = eqx.tree_at(lambda problem: problem.residual.accuracy, problem, request.referee)
-    second = second._replace(minimiser=request.minimiser)
-    return with_check(estimate, fit, second, request.method, request.report)
-
-
-def _summarised(request: _Request, point: Point, briefly: bool = False, known: Evidence | None = None) -> Estimate:
-    """The estimate at a `point`, by the whole study; `briefly` without second derivatives.
-
-    **Arguments:** the evidence of that fit as far as it is `known`.
-    """
-    study, stack = request.whole, request.stack
-    report = request.report
-    # Who ends a process with a signal may kill it soon after: no second derivatives then, which take long.
-    report("predicting every record")
-    point = point._replace(fit=completed(point, report), covers=2)
-    if stack is not None:
-        point = rejoined(study, point, point.problem.residual.accuracy, report)
-    if known is None or known.fit is not point.fit:
-        known = Evidence(point.problem, point.fit, study)
-    estimate = summarise(study, request.method, known, point.starts, stack)
-    if stack is None and not point.problem.residual.loss.is_robust and not briefly:
-        estimate = with_error_models(estimate, known, report)
-    minimiser = OWN_MINIMISER if request.minimiser is None else type(request.minimiser).__name__
-    return dataclasses.replace(estimate, minimiser=minimiser, seconds=time.perf_counter() - request.begun)
 
 
 _METHODS: dict[str, tuple[str, ...]] = {

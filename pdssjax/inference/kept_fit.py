@@ -86,6 +86,7 @@ def _measured(record: Record) -> Document:
 def fit_document(settings: Document, found: FitAndStarts) -> Document:
     """The fit as plain data, with the `settings` of its run: all that `restored_fit` needs."""
     fit, table = found.evidence.fit, found.multistart
+    plain = lambda value: value.tolist() if isinstance(value, np.ndarray) else value
     return settings | {
         "free": np.asarray(fit.free, float).tolist(),
         "noise": np.asarray(found.evidence.problem.noise, float).tolist(),
@@ -95,7 +96,7 @@ def fit_document(settings: Document, found: FitAndStarts) -> Document:
         "iterations": int(fit.iterations),
         "evaluations": int(fit.evaluations),
         "ending": int(fit.ending),
-        "multistart": None if table is None else {name: _plain(value) for name, value in vars(table).items()},
+        "multistart": None if table is None else {name: plain(value) for name, value in vars(table).items()},
     }
 
 
@@ -148,10 +149,6 @@ def _table(document: Document | None) -> Multistart | None:
     arrays = {name: np.array(value) for name, value in document.items() if name not in ("names", "ranges")}
     ranges = {path: (low, high) for path, (low, high) in document["ranges"].items()}
     return Multistart(names=tuple(document["names"]), ranges=ranges, **arrays)
-
-
-def _plain(value: object) -> object:
-    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def fingerprint(value: object) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from ..core import on_device
 from ..study import Values
@@ -15,8 +15,7 @@ from .solver.iterations import Run, begin, iterates
 from .solver.kink import along_kink, beside_kink
 from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
 from .solver.lm_state import SUCCESSES, Ending, LMState
-from .solver.minimisers import Outcome, minimised
-from .solver.trust_region import Bounds
+from .solver.minimisers import minimised
 from .stack_parameters import platform_alone_records, platform_parameters
 from .variable_projection import FEWEST_LINEAR, linear_parameters, project
 
@@ -164,12 +163,12 @@ def fit_phase(
         free, spent = found.free, found.evaluations
         report(f"{name}: {linear.sum()} linear parameters projected out, chi-square {found.chi2:.6g}")
     limit = min(limit, MAX_ITERATIONS, problem.effort.iterations)
-    outcome = None
+    steps, ended = 0, ""
     if problem.minimiser is not None and fitted.any():
         options, weights = problem.residual.transform.bounds_where(fitted, free), as_weights(problem.noise, used)
-        outcome = minimised(problem.minimiser, problem.residual, free, weights, options, limit)
+        free, steps, ended = minimised(problem.minimiser, problem.residual, free, weights, options, limit)
         # What remains is the word on where it ended, by the same tests as those of the package's own solver.
-        free, spent, limit = outcome.point, spent + outcome.steps, 0
+        spent, limit = spent + steps, 0
     run, point, blank = _begun(problem, free, used, fitted)
     y, state = point, blank
     course: list[tuple[int, float]] = []
@@ -185,31 +184,36 @@ def fit_phase(
     y, state = beside_kink(run, y, state)
     if int(state.ending) == Ending.KINK:
         y, state, predicted = along_kink(run, y, state)
-    fit = _ended(run, y, state, fitted, limit, spent, predicted)
-    if fit.ending == Ending.SLOW_STEPS:
-        fit = fit._replace(message=_slow(problem.effort, course))
-    return fit if outcome is None else _by_another(fit, outcome)
+    ending, iterations = Ending(int(state.ending)), max(int(state.iterations), 1 - int(state.unevaluated))
+    message, success = _message(run, np.asarray(y), state, fitted, limit, predicted)
+    if ending == Ending.SLOW_STEPS:
+        message = _slow(problem.effort, course)
+    if ended and ending == Ending.RUNNING:
+        message = f"{ended} where the gradient is not small"
+    return Fit(np.asarray(y), state, success, message, iterations + steps, int(state.evaluations) + spent, ending)
 
 
-def _ended(
+def _message(
     run: Run,
-    y: Float[Array | np.ndarray, " p"],
+    free: Float[np.ndarray, " p"],
     state: LMState,
     fitted: Bool[np.ndarray, " p"],
     limit: int,
-    spent: int,
     predicted: float,
-) -> Fit:
-    """The fit that a run was, after `spent` evaluations before it; on a kink its slopes still promise `predicted`."""
-    free, ending = np.asarray(y), Ending(int(state.ending))
-    iterations = max(int(state.iterations), 1 - int(state.unevaluated))
-    message, success = _message(ending, free, run.bounds, fitted, limit), ending in SUCCESSES
-    small = float(run.solver.small_jump) * float(np.sum(np.asarray(state.residual) ** 2))
-    if ending == Ending.KINK and predicted <= small:
-        message, success = AT_KINK, True
-    if ending == Ending.SMALL_JUMP:
-        message = message.format(jump=float(state.jump))
-    return Fit(free, state, success, message, iterations, int(state.evaluations) + spent, ending)
+) -> tuple[str, bool]:
+    """How a run ended, in words, and whether that is a success; on a kink its slopes still promise `predicted`."""
+    ending = Ending(int(state.ending))
+    if ending == Ending.RUNNING:
+        return f"no convergence within {limit} iterations", False
+    if ending == Ending.KINK and predicted <= float(run.solver.small_jump) * float(
+        np.sum(np.asarray(state.residual) ** 2)
+    ):
+        return AT_KINK, True
+    low, high = (np.asarray(run.bounds[end]) for end in ("lower", "upper"))
+    if ending == Ending.CONVERGED and (fitted & ((free <= low) | (free >= high))).any():
+        return AT_BOUNDS, True
+    message = MESSAGES[ending]
+    return message.format(jump=float(state.jump)) if ending == Ending.SMALL_JUMP else message, ending in SUCCESSES
 
 
 def _slow(effort: Effort, course: Sequence[tuple[int, float]]) -> str:
@@ -219,27 +223,6 @@ def _slow(effort: Effort, course: Sequence[tuple[int, float]]) -> str:
     """
     (before, higher), (after, lower) = course[-min(effort.slow_steps + 1, len(course))], course[-1]
     return MESSAGES[Ending.SLOW_STEPS].format(spent=after - before, gained=higher - lower, advice=effort.advice)
-
-
-def _by_another(fit: Fit, outcome: Outcome) -> Fit:
-    """`fit`, judged at the end of another solver's way, as what that solver found."""
-    message = fit.message
-    if fit.ending == Ending.RUNNING:
-        message = f"{outcome.name} ended ({outcome.message}) where the gradient is not small"
-    return fit._replace(message=message, iterations=fit.iterations + outcome.steps)
-
-
-def _message(
-    ending: Ending,
-    free: Float[np.ndarray, " p"],
-    bounds: Bounds,
-    fitted: Bool[np.ndarray, " p"],
-    limit: int,
-) -> str:
-    if ending == Ending.RUNNING:
-        return f"no convergence within {limit} iterations"
-    at_bound = fitted & ((free <= np.asarray(bounds["lower"])) | (free >= np.asarray(bounds["upper"])))
-    return AT_BOUNDS if ending == Ending.CONVERGED and at_bound.any() else MESSAGES[ending]
 
 
 def _begun(

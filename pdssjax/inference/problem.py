@@ -5,7 +5,7 @@ Any solver can take it; `pose_problem` makes it of a study.
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import equinox as eqx
@@ -14,12 +14,12 @@ from jax.core import Tracer
 from jax.tree_util import register_dataclass
 from jaxtyping import Array, Bool, Float
 
-from ..core import Lowered, ScalarLike, on_device, require_float64
+from ..core import ScalarLike, on_device, require_float64
 from ..integration import Accuracy
-from ..metrics import scatter_floor
-from ..study import Parameter, Predictor, Record, Study, Values
-from .determinable_ranges import determinable_ranges, within_determinable
+from ..piezo.base import DeterminableRange, Shown
+from ..study import MARK, Parameter, Predictor, Record, Study, Values
 from .effort import USUAL, Effort
+from .initial_values.record_features import interval_of, noise_of, swing_of
 from .initial_values.search import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import Box, transform_of
@@ -144,28 +144,21 @@ class Problem:
         paths = tuple(sorted([*residual.fixed, *free]))
         return Evaluator(self.predictor, residual.comparison, residual.accuracy, self.places, paths, free)
 
-    def lowered(self, free: Float[Array | np.ndarray, " p"]) -> Lowered:
-        """The program of its evaluations, traced; its `compile` may go on in another thread."""
-        return self.evaluations(self._weights()).lowered(free)
-
     @property
-    def linearisation(self) -> "LinearisedResidual":
-        """`linearised` as data and what is compiled, for what is compiled with it."""
-        return LinearisedResidual(self.residual, self._weights())
+    def linearisation(self) -> Callable[[Point], tuple[Float[Array, " n"], Float[Array, "n p"]]]:
+        """`linearised` as a pytree, for what is compiled with it."""
+        return eqx.Partial(linearised_residual, self.residual, self._weights())
 
     def _weights(self) -> Float[Array | np.ndarray, " records"]:
         return 1.0 / self.noise
 
 
-class LinearisedResidual(eqx.Module):
-    """Whitened residuals and their Jacobian as a function of the p free numbers, for what is compiled with it."""
-
-    residual: Residual
-    weights: Float[Array | np.ndarray, " records"]
-
-    def __call__(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
-        (whitened, _), (jacobian, _) = OfFunction(self.residual, self.weights).linearised(free)
-        return whitened, jacobian
+def linearised_residual(
+    residual: Residual, weights: Float[Array | np.ndarray, " records"], free: Point
+) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+    """Whitened residuals and their Jacobian, for what is compiled with them."""
+    (whitened, _), (jacobian, _) = OfFunction(residual, weights).linearised(free)
+    return whitened, jacobian
 
 
 class _OfStudy(NamedTuple):
@@ -190,9 +183,6 @@ class _OfStudy(NamedTuple):
         directions = self.residual.transform.directions(np.asarray(point))
         found = self.evaluator([self.residual.values(point)], self.weights, self._used(), directions)
         return (found.residual, found.offsets), (found.jacobian, found.offsets_jacobian)
-
-    def lowered(self, point: Point) -> Lowered:
-        return self.evaluator.lowered(self.residual.values(point), self.weights)
 
     def _used(self) -> Bool[np.ndarray, " all_records"]:
         used = np.zeros(len(self.evaluator.predictor.samples), bool)
@@ -219,6 +209,41 @@ def _with_lengths(study: Study) -> dict[str, Parameter]:
     return {path: floored(parameter) for path, parameter in study.parameters.items()}
 
 
+def determinable_ranges(study: Study) -> dict[str, DeterminableRange]:
+    """Find the range in which the fitted records can determine each free parameter, by path; of some there is none.
+
+    An element of creep that is quicker than the samples takes over the gain, one that takes much longer than the
+    records is a drift of whose size and time the records show the quotient only.  An element of hysteresis that slips
+    within the flicker of the voltage takes over the gain, too.  A start that the study gives lies within.
+    """
+    driven = [record for record in study.records if record.role == "fit" and record.drive is not None]
+    if not driven:
+        return {}
+    shown = Shown(
+        duration=max(float(record.time[-1] - record.time[0]) for record in driven) or None,
+        interval=min(map(interval_of, driven)) or None,
+        swing=max(map(swing_of, driven)) or None,
+    )
+    found = {f"piezo.{name}": within for name, within in study.models.piezo.determinable_ranges(shown).items()}
+    out = {}
+    for path, parameter in study.parameters.items():
+        within = found.get(path.partition(MARK)[0])
+        if within is not None and parameter.free:
+            start = parameter.start
+            reach = {} if start is None else {"low": min(within.low, start), "high": max(within.high, start)}
+            out[path] = within._replace(**reach)
+    return out
+
+
+def _bounded(parameter: Parameter, within: DeterminableRange | None) -> Parameter:
+    """The `parameter`, bounded by the range that the records determine where the study gives no bound."""
+    if within is None:
+        return parameter
+    low = within.low if parameter.low is None else parameter.low
+    high = within.high if parameter.high is None else parameter.high
+    return dataclasses.replace(parameter, low=low, high=high) if low < high else parameter
+
+
 def pose(
     study: Study,
     starts: Mapping[str, float],
@@ -229,14 +254,15 @@ def pose(
     """The fit of a study's records with role "fit", parameters scaled after their `starts`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
-    parameters = within_determinable(_with_lengths(study), determinable_ranges(study))
+    ranges = determinable_ranges(study)
+    parameters = {path: _bounded(parameter, ranges.get(path)) for path, parameter in _with_lengths(study).items()}
     transform = transform_of(parameters, starts, study.constraints, str(study.path or study.title))
     residual = Residual.of(
         study.models, records, transform, fixed, accuracy, loss, prior_measurements(study.parameters)
     )
     samples = lambda residual: (residual.comparison.measured, residual.comparison.used)
     residual = eqx.tree_at(samples, residual, on_device(samples(residual)))
-    noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])
+    noise = np.array([noise_of(record) for record in records])
     places = tuple(place for place, record in enumerate(study.records) if record.role == "fit")
     return Problem(residual, records, noise, predictor=on_device(study.predictor), places=places, effort=effort)
 

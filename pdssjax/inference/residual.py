@@ -18,7 +18,7 @@ from jax import lax
 from jax.tree_util import register_dataclass
 from jaxtyping import Array, Bool, Float
 
-from ..core import Count, Lowered, Scalar, ScalarLike, Tree, Truth, kept_jit
+from ..core import Count, Scalar, ScalarLike, Tree, Truth, kept_jit
 from ..integration import Accuracy
 from ..study import Models, Parameter, Predictor, Record, Values
 from .losses.base import AbstractLoss
@@ -142,19 +142,6 @@ class Evaluator:
         are predicted that are `used`, by default all.  Derivatives are taken by p numbers, of which each moves the free
         parameters along a column of `directions`; None: none are taken.
         """
-        return _evaluated(*self._asked(points, weights, used, directions))
-
-    def lowered(self, values: Values, weights: Float[Array | np.ndarray, " records"]) -> Lowered:
-        """The program of an evaluation, traced; its `compile` may go on in another thread."""
-        return _evaluated.prepared(*self._asked([values], weights, None, None))
-
-    def _asked(
-        self,
-        points: Sequence[Values],
-        weights: Float[Array | np.ndarray, " records"],
-        used: Bool[np.ndarray, " all_records"] | None,
-        directions: Float[np.ndarray, "p p"] | None,
-    ) -> tuple[Any, ...]:
         paths, free = self.paths, len(self.free)
         numbers = np.zeros((TOGETHER, len(paths)))
         for row, values in zip(numbers, points, strict=False):
@@ -162,7 +149,8 @@ class Evaluator:
         sloped = np.asarray(directions is not None)
         directions = np.zeros((free, free)) if directions is None else directions
         used = np.ones(len(self.predictor.samples), bool) if used is None else used
-        return self, numbers, np.asarray(len(points)), np.asarray(weights), used, sloped, directions
+        given: tuple[Any, ...] = numbers, np.asarray(len(points)), np.asarray(weights), used, sloped, directions
+        return _evaluated(self, *given)
 
 
 @kept_jit

@@ -16,8 +16,6 @@ from ..study import MARK, Record
 from .covariance import least_squares_covariance
 from .evidence import Evidence
 from .initial_values.record_features import frequency_of, voltages
-from .least_squares import Fit
-from .problem import Problem
 
 _SINE = 0.01
 """Root mean square, over the amplitude, that a sine leaves of a voltage that is one."""
@@ -67,10 +65,11 @@ class _Sine(NamedTuple):
     """[V]"""
 
 
-def inseparable(problem: Problem, fit: Fit) -> Inseparable | None:
-    """Which parameters of a `fit` its records cannot tell apart, being steady sines; None where they can."""
+def inseparable(evidence: Evidence) -> Inseparable | None:
+    """Which parameters of a fit its records cannot tell apart, being steady sines; None where they can."""
+    problem = evidence.problem
     sines = [_sine(record) for record in problem.records]
-    if not sines or not np.isfinite(fit.chi2):
+    if not sines or not np.isfinite(evidence.fit.chi2):
         return None
     known = [sine for sine in sines if sine is not None]
     if len(known) < len(sines):
@@ -86,7 +85,7 @@ def inseparable(problem: Problem, fit: Fit) -> Inseparable | None:
     beside = ["piezo.gain"] * ("piezo.gain" in bare) + ["hysteresis"] * (lossy and not several)
     if len(turning) + len(beside) <= 2 * len(frequencies):
         return None
-    determined = _determined_by_onset(problem, fit, [float(sine.frequency) for sine in known])
+    determined = _determined_by_onset(evidence, [sine.frequency for sine in known])
     left = tuple(path for path in turning if path not in determined)
     if not left:
         return None
@@ -139,9 +138,9 @@ def _distinct(numbers: Sequence[float]) -> list[float]:
     return kept
 
 
-def _determined_by_onset(problem: Problem, fit: Fit, frequencies: Sequence[float]) -> set[str]:
+def _determined_by_onset(evidence: Evidence, frequencies: Sequence[float]) -> set[str]:
     """Paths of the free parameters that a motion determines that is not steady: the onset of a drive that dies away."""
-    jacobian = np.asarray(fit.state.jacobian)
+    problem, jacobian = evidence.problem, np.asarray(evidence.fit.state.jacobian)
     if not np.isfinite(jacobian).all():
         return set()
     rest = jacobian.copy()
@@ -150,8 +149,8 @@ def _determined_by_onset(problem: Problem, fit: Fit, frequencies: Sequence[float
     # What rounding leaves of a column tells nothing.
     rest[:, np.linalg.norm(rest, axis=0) < 1e-9 * np.linalg.norm(jacobian, axis=0)] = 0.0
     transform = problem.residual.transform
-    known = least_squares_covariance(rest, transform.at_bound(fit.free))
-    error = np.sqrt(np.diag(known.matrix) * max(1.0, Evidence(problem, fit).reduced_chi2))
+    known = least_squares_covariance(rest, transform.at_bound(evidence.fit.free))
+    error = np.sqrt(np.diag(known.matrix) * max(1.0, evidence.reduced_chi2))
     return {path for path, e in zip(transform.paths, error, strict=True) if e < _DETERMINED}
 
 

@@ -24,7 +24,6 @@ from ..study import (
     FittedParameter,
     FittedRecord,
     MeasuredApart,
-    Parameter,
     Provenance,
     Study,
     Unexplained,
@@ -43,9 +42,9 @@ from .residual import free_offset
 from .stack_first.held_stack import with_stack_freed
 from .stack_first.peak_picking import PickedStack
 from .steady_sines import Inseparable, inseparable
+from .uncertainty.influence import amplification_of
 from .uncertainty.linear_intervals import linear_intervals, record_factors
-from .uncertainty.parameter_errors import standard_errors_of
-from .uncertainty.two_steps import amplification_of
+from .uncertainty.parameter_errors import StandardErrors, standard_errors_of
 from .validation import is_refuted
 
 _INFORMATIVE = 0.1
@@ -71,11 +70,7 @@ WEAKLY_DETERMINED = float(np.log(10.0))
 
 
 def summarise(
-    study: Study,
-    method: Method,
-    evidence: Evidence,
-    starts: Mapping[str, float],
-    stack: PickedStack | None = None,
+    study: Study, method: Method, evidence: Evidence, starts: Mapping[str, float], stack: PickedStack | None = None
 ) -> Estimate:
     """The estimate that the fit of a `study` amounts to, by its `evidence`; `seconds` is left at 0.
 
@@ -84,22 +79,11 @@ def summarise(
     problem, fit = evidence.problem, evidence.fit
     free, loss = problem.residual.transform, problem.residual.loss
     values = {path: float(value) for path, value in {**starts, **free.decode(fit.free)}.items()}
-    known, naive, cov_with_prior, factor, freedom = standard_errors_of(method, evidence, stack)
-    mixed = inseparable(problem, fit)
-    weakly_determined, known, deviation = _determined(known, free, mixed)
+    errors, mixed = standard_errors_of(method, evidence, stack), inseparable(evidence)
+    factor = errors.factor
+    weakly_determined, known, deviation = _determined(errors.known, free, mixed)
     slopes = np.abs(free.slope(fit.free))
-    declared = study.bounded_parameters
-    bounds = {path: declared[path].bounds() for path in free.paths}
-    intervals = linear_intervals(free.own(fit.free), deviation, freedom, free, bounds)
-    place = lambda parameter: free.paths.index(parameter.path) if parameter.free else None
-    parameters = {
-        path: _parameter(p, values[path], starts[path], place(p), fit, free, deviation, freedom, intervals, known)
-        for path, p in declared.items()
-    }
-    if naive is not None:
-        own_naive = np.diag(free.own_covariance(naive))
-        parameters = _with_naive_errors(parameters, free.paths, np.sqrt(own_naive) * slopes)
-    parameters |= _with_priors(parameters, study, free.paths, slopes**2 * cov_with_prior)
+    parameters = _parameters(study, evidence, values, starts, errors, known.identifiable, deviation)
     records = _compared(study, evidence, known.matrix, values, factor)
     diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
     if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
@@ -186,82 +170,61 @@ def how_it_ended(problem: Problem, fit: Fit, values: Mapping[str, float]) -> str
     return f"{START_FAILED}: {cause or 'its residuals are not finite'}"
 
 
-def _with_priors(
-    parameters: Mapping[str, FittedParameter],
+def _parameters(
     study: Study,
-    paths: Sequence[str],
-    cov_with_prior: Float[np.ndarray, " p"],
+    evidence: Evidence,
+    values: Mapping[str, float],
+    starts: Mapping[str, float],
+    errors: StandardErrors,
+    identifiable: Bool[np.ndarray, " p"],
+    deviation: Float[np.ndarray, " p"],
 ) -> dict[str, FittedParameter]:
-    """Parameters that were measured apart, with their pulls; `cov_with_prior`: covariances with those numbers, SI."""
-    out = {}
-    for path, covariance in zip(paths, cov_with_prior, strict=True):
-        found, prior = parameters[path], study.parameters[path].measured_apart
+    """All parameters of a study, those free with their errors, intervals and pulls; `deviation` on their own scales."""
+    fit, free, declared = evidence.fit, evidence.problem.residual.transform, study.bounded_parameters
+    nan, held, slopes = float("nan"), free.at_bound(fit.free), np.abs(free.slope(fit.free))
+    bounds = {path: declared[path].bounds() for path in free.paths}
+    intervals = linear_intervals(free.own(fit.free), deviation, errors.freedom, free, bounds)
+    naive = None if errors.naive is None else np.sqrt(np.diag(free.own_covariance(errors.naive))) * slopes
+    out = {
+        path: FittedParameter(
+            path=path,
+            value=values[path],
+            standard_error=nan,
+            interval=(nan, nan),
+            unit=p.unit,
+            free=False,
+            start=None,
+            at_bound=False,
+            identifiable=True,
+        )
+        for path, p in declared.items()
+    }
+    for i, path in enumerate(free.paths):
+        known, error = bool(identifiable[i] or held[i]), float(deviation[i] * slopes[i])
+        prior, pull = study.parameters[path].measured_apart, None
         if prior is not None:
-            # At a bound it is not where chance would have it.
-            error = np.nan if found.at_bound else found.standard_error
-            out[path] = dataclasses.replace(
-                found, measured_apart=measurement_with_pull(prior, found.value, error**2, float(covariance))
+            variance = nan if held[i] else error**2  # at a bound it is not where chance would have it
+            pull = measurement_with_pull(
+                prior, values[path], variance, float(slopes[i] ** 2 * errors.cov_with_prior[i])
             )
+        out[path] = dataclasses.replace(
+            out[path],
+            standard_error=error,
+            naive_standard_error=float(naive[i]) if naive is not None and known else None,
+            interval=intervals[path],
+            degrees_of_freedom=float(errors.freedom[i]),
+            bounds=bounds[path],
+            free=True,
+            start=starts[path],
+            at_bound=bool(held[i]),
+            identifiable=known,
+            measured_apart=pull,
+        )
     return out
 
 
-def _with_naive_errors(
-    parameters: Mapping[str, FittedParameter], paths: Sequence[str], errors: Float[np.ndarray, " p"]
-) -> dict[str, FittedParameter]:
-    """The parameters with the errors that take the first of two steps as exact."""
-    naive = {path: float(error) for path, error in zip(paths, errors, strict=True)}
-    return {
-        path: dataclasses.replace(p, naive_standard_error=naive[path]) if p.free and p.identifiable else p
-        for path, p in parameters.items()
-    }
-
-
-def _parameter(
-    declared: Parameter,
-    value: float,
-    start: float,
-    i: int | None,
-    fit: Fit,
-    free: ParameterTransform,
-    deviation: Float[np.ndarray, " p"],
-    freedom: Float[np.ndarray, " p"],
-    intervals: Mapping[str, tuple[float, float]],
-    known: Covariance,
-) -> FittedParameter:
-    nan = float("nan")
-    held = FittedParameter(
-        path=declared.path,
-        value=value,
-        standard_error=nan,
-        interval=(nan, nan),
-        unit=declared.unit,
-        free=False,
-        start=None,
-        at_bound=False,
-        identifiable=True,
-    )
-    if i is None:
-        return held
-    at_bound = bool(free.at_bound(fit.free)[i])
-    return dataclasses.replace(
-        held,
-        standard_error=float(deviation[i] * abs(free.slope(fit.free)[i])),
-        interval=intervals[declared.path],
-        degrees_of_freedom=float(freedom[i]),
-        bounds=declared.bounds(),
-        free=True,
-        start=start,
-        at_bound=at_bound,
-        identifiable=bool(known.identifiable[i]) or at_bound,
-    )
-
-
 def _compared(
-    study: Study,
-    evidence: Evidence,
-    matrix: Float[np.ndarray, "p p"],
-    values: dict[str, float],
-    factor: float,
+    study: Study, evidence: Evidence, matrix: Float[np.ndarray, "p p"], values: dict[str, float], factor: float
 ) -> tuple[FittedRecord, ...]:
     """Every record beside its prediction, each with its own zero."""
     problem, fit = evidence.problem, evidence.fit
@@ -296,9 +259,7 @@ def _compared(
 
 
 def _undisturbed(
-    evidence: Evidence,
-    values: Mapping[str, float],
-    motions: list[Float[np.ndarray, " samples"]],
+    evidence: Evidence, values: Mapping[str, float], motions: list[Float[np.ndarray, " samples"]]
 ) -> Sequence[Float[np.ndarray, " samples"] | None]:
     """The prediction of every record by the fit without the samples that stand out; None stands for `motions`."""
     problem, fit = evidence.problem, evidence.fit

@@ -17,9 +17,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core import on_device
-from ..metrics import scatter_floor
 from ..study import FittedRecord, Record, Study, compare, paths_in
 from .beyond_noise import exceeds_noise, highest_by_chance
+from .initial_values.record_features import noise_of
 from .losses.base import AbstractLoss
 from .problem import Problem
 from .residual import Residual, free_offset
@@ -73,14 +73,9 @@ def is_refuted(missed: Sequence[Missed]) -> bool:
 
 def _beside(record: Record, motion: Float[np.ndarray, " samples"], loss: AbstractLoss) -> FittedRecord:
     """A record beside its predicted `motion`, with its zero."""
-    noise = _noise(record)
+    noise = noise_of(record)
     zero = free_offset(record.measured, motion, record.offset, loss, noise)
     return compare(record, motion, noise=noise, offset=zero, undisturbed=motion)
-
-
-def _noise(record: Record) -> float:
-    """The noise of a record: as given, else as neighbouring samples scatter."""
-    return scatter_floor(record.measured) if record.noise is None else record.noise
 
 
 def _at_best(
@@ -92,7 +87,7 @@ def _at_best(
     covariance: Float[np.ndarray, "p p"],
 ) -> list[FittedRecord]:
     """The `records` beside their predictions by parameters that move within their errors to explain them all."""
-    residual, noise = problem.residual, np.array([_noise(record) for record in records])
+    residual, noise = problem.residual, np.array([noise_of(record) for record in records])
     fixed = {path: float(number) for path, number in residual.fixed.items()}
     # As if they were fitted: those are the records that have derivatives to their end.
     fitted = tuple(dataclasses.replace(record, role="fit") for record in records)

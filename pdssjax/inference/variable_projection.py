@@ -13,13 +13,14 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..study import split_path
-from .problem import LinearisedResidual, Problem
+from .problem import Problem, linearised_residual
 from .solver.box_least_squares import solve_in_box, triangle
 
 FEWEST_LINEAR = 2
@@ -103,9 +104,8 @@ def project(
     """
     linear, searched = linear & fitted, fitted & ~linear
     logarithmic = problem.residual.transform.logarithmic
-    task = _Task(
-        LinearisedResidual(problem.residual, weights), linear, searched, searched & logarithmic, *problem.bounds
-    )
+    evaluate = eqx.Partial(linearised_residual, problem.residual, weights)
+    task = _Task(evaluate, linear, searched, searched & logarithmic, *problem.bounds)
     here = _solved(task, np.clip(free, task.low, task.high))
     count = 1
     if searched.any() and np.isfinite(here.chi2):
@@ -119,7 +119,7 @@ def project(
 
 
 class _Task(NamedTuple):
-    at: LinearisedResidual
+    at: Callable[[Float[np.ndarray, " p"]], tuple[Float[Array, " n"], Float[Array, "n p"]]]
     linear: Bool[np.ndarray, " p"]
     searched: Bool[np.ndarray, " p"]
     positive: Bool[np.ndarray, " p"]
@@ -195,7 +195,7 @@ def _leaves_unused(task: _Task, here: _Point) -> bool:
 
 
 def _by_gauss_newton(task: _Task, here: _Point, most: int = _MOST) -> tuple[_Point, int]:
-    """Far from the end: where damped steps lead, and how many points were solved at."""
+    """Where damped Gauss-Newton steps lead, far from the end, and how many points were solved at."""
     damping, count = _BEGIN, 0
     while count < most and damping <= _LARGEST:
         step = np.zeros(here.free.size)
@@ -211,7 +211,7 @@ def _by_gauss_newton(task: _Task, here: _Point, most: int = _MOST) -> tuple[_Poi
 
 
 def _by_quasi_newton(task: _Task, here: _Point) -> tuple[_Point, int]:
-    """Near the end (BFGS): thresholds bend chi-square more than the linear model of large residuals knows."""
+    """Where BFGS leads, near the end: thresholds bend chi-square more than a linear model of large residuals knows."""
     inside = task.searched & (here.free > task.low) & (here.free < task.high)
     if not inside.any():
         return here, 0

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from pdssjax.inference.uncertainty.no_u_turn import sample_by_trajectories
-from pdssjax.inference.uncertainty.posterior import sample_posterior
-from pdssjax.inference.uncertainty.posterior_model import posterior_model
+from pdssjax.inference.uncertainty.posterior import posterior_model, sample_posterior
 from pdssjax.inference.uncertainty.second_order import Linearisation
 
 DESIGN = np.random.default_rng(0).normal(size=(7, 2)) * [1.0, 100.0] @ np.array([[1.0, 0.3], [0.2, 1.0]])

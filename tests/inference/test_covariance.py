@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdssjax.inference import least_squares_covariance
-from pdssjax.inference.covariance import correlation, estimate_sensitivity
+from pdssjax.inference.covariance import correlation, scaled_least_squares
 
 RANDOM = np.random.default_rng(7)
 DESIGN = RANDOM.normal(size=(40, 4)) * np.array([1e-6, 1.0, 3e3, 1e8])
@@ -87,5 +87,5 @@ def test_what_is_held_moves_what_is_fitted_as_a_refit_says():
     earlier, later = DESIGN[:, [1, 3]], DESIGN[:, [0, 2]]
     # In units of one column each: a refit of the others with one of the held parameters moved by one.
     refits = [-np.linalg.lstsq(later, column, rcond=None)[0] for column in earlier.T]
-    np.testing.assert_allclose(estimate_sensitivity(later, earlier), np.stack(refits, axis=1), rtol=1e-9)
-    assert estimate_sensitivity(later, later @ np.ones((2, 1))).ravel() == pytest.approx([-1.0, -1.0])
+    np.testing.assert_allclose(-scaled_least_squares(later, earlier), np.stack(refits, axis=1), rtol=1e-9)
+    assert scaled_least_squares(later, later @ np.ones(2)) == pytest.approx([1.0, 1.0])

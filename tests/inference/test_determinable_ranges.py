@@ -6,8 +6,8 @@ from record_tables import loaded, write_columns
 
 import pdssjax
 from pdssjax import pose_problem
-from pdssjax.inference.determinable_ranges import determinable_ranges
 from pdssjax.inference.notes.of_fit import about_bounds
+from pdssjax.inference.problem import determinable_ranges
 from pdssjax.piezo.base import Shown
 from pdssjax.piezo.composed import Composed
 

@@ -166,11 +166,7 @@ class _Trial(NamedTuple):
 
 
 def _refined(
-    trial: _Trial,
-    best: tuple[float, ...],
-    least: float,
-    free: Sequence[int],
-    ends: Sequence[tuple[float, float]],
+    trial: _Trial, best: tuple[float, ...], least: float, free: Sequence[int], ends: Sequence[tuple[float, float]]
 ) -> tuple[float, tuple[float, ...]]:
     """The sum of squares left and the point where, from a point of the grid on, one number after the other."""
     for factor in _STEPS:

@@ -14,7 +14,7 @@ less than a lag does, w^2 -> infinity with 2 xi / w = tau, of any tau.
 import cmath
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -53,23 +53,25 @@ _LEAST_OF_FLANK, _MOST_FLANKS = 4, 12
 
 def as_displacements(records: Sequence[Record]) -> list[Record]:
     """The records that tell a displacement, with that [m], up to a constant, in place of what was measured."""
-    return _with_samples(records, [record.measurement.displacement(_samples(record)) for record in records])
+    return _converted(records, lambda record: record.measurement.displacement)
 
 
 def as_forces(records: Sequence[Record]) -> list[Record]:
     """The records that tell a force, with that [N], up to a constant, in place of what was measured."""
-    return _with_samples(records, [record.measurement.force(_samples(record)) for record in records])
+    return _converted(records, lambda record: record.measurement.force)
 
 
-def _samples(record: Record) -> Samples:
-    volts = np.broadcast_to(voltages(record), record.time.shape)
-    return Samples(record.time, record.measured, volts, record.offset)
-
-
-def _with_samples(records: Sequence[Record], samples: Sequence[Float[np.ndarray, " samples"] | None]) -> list[Record]:
-    """The records that have `samples`, with these in place of what was measured."""
-    pairs = zip(records, samples, strict=True)
-    return [dataclasses.replace(record, measured=values) for record, values in pairs if values is not None]
+def _converted(
+    records: Sequence[Record], conversion: Callable[[Record], Callable[[Samples], Float[np.ndarray, " samples"] | None]]
+) -> list[Record]:
+    """The records that a `conversion` of theirs applies to, with its result in place of what was measured."""
+    out = []
+    for record in records:
+        volts = np.broadcast_to(voltages(record), record.time.shape)
+        values = conversion(record)(Samples(record.time, record.measured, volts, record.offset))
+        if values is not None:
+            out.append(dataclasses.replace(record, measured=values))
+    return out
 
 
 def oscillator(driven: Sequence[Record], rings: bool) -> dict[str, float]:
@@ -169,7 +171,7 @@ def _from_step(record: Record) -> dict[str, float]:
 
 
 def _flank_gain(record: Record) -> float:
-    """While it sticks, the end-effector follows the slow flank: the usual slope over the voltage's.
+    """Gain of an end-effector that sticks and follows the slow flank: its usual slope over the voltage's.
 
     Taken over a quarter of a period, so that noise and rounding matter little, and most of
     the spans hold no slip.
@@ -223,7 +225,7 @@ def _sticking_gains(record: Record) -> list[float]:
 
 
 def stop_stiffness(record: Record, gain: float) -> float:
-    """While the contact sticks, the stop is pressed as far as the platform goes [N/m]; 0 where nothing pushes.
+    """Stiffness of a stop that is pressed as far as the platform goes while the contact sticks [N/m]; 0 without a push.
 
     Of the rises within a tenth of a period the steepest tenth: later the contact slides, earlier
     the end-effector may not have reached the stop.
@@ -309,6 +311,11 @@ def interval_of(record: Record) -> float:
 def swing_of(record: Record) -> float:
     """Difference of the highest and the lowest voltage of a record's drive [V], the 0 V before it counted."""
     return float(np.ptp(np.append(voltages(record), 0.0)))
+
+
+def noise_of(record: Record) -> float:
+    """The noise of a record: as given, else as neighbouring samples scatter."""
+    return scatter_floor(record.measured) if record.noise is None else record.noise
 
 
 def voltages_at(record: Record, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

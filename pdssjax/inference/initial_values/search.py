@@ -10,27 +10,16 @@ import dataclasses
 import os
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ...core import InputError, check_kind, on_device, require_float64
 from ...integration import Accuracy
 from ...metrics import scatter_floor
 from ...piezo.base import Shown
-from ...study import (
-    MARK,
-    Models,
-    Parameter,
-    Predictor,
-    Record,
-    Study,
-    Values,
-    check_begins_early,
-    split_path,
-)
+from ...study import MARK, Models, Parameter, Predictor, Record, Study, Values, check_begins_early, split_path
 from ..losses.base import AbstractLoss
 from ..residual import TOGETHER, Comparison, Evaluator, as_weights, prior_measurements
 from .loop_starts import loop_starts
@@ -294,33 +283,26 @@ def _search(
     strata = np.stack([random.permutation(count) for _ in paths], axis=1)
     points = low + (high - low) * (strata + random.random(strata.shape)) / count
     trials = [{path: float(np.exp(x)) for path, x in zip(paths, point, strict=True)} for point in points]
-    beginnings = _beginnings(models, parameters, records, used, loss)
-    costs = _tried(beginnings, [_every(known | trial, parameters) for trial in trials])
+    costs = _trial_costs(
+        models, parameters, records, used, loss, [_every(known | trial, parameters) for trial in trials]
+    )
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
     return [trials[i] for i in order]
 
 
-class _Beginnings(NamedTuple):
-    """The first periods of records: enough to tell a trial by, and quick where a contact never rests."""
-
-    evaluator: Evaluator
-    weights: Float[np.ndarray, " records"]
-    """1/noise of the records compared; 0 of those that are not used."""
-    used: Bool[np.ndarray, " all_records"]
-
-    def costs(self, trials: Sequence[Values]) -> Float[np.ndarray, " trials"]:
-        """What the loss sums up with the numbers [SI] of each of some `trials`: with that of squares, chi-square."""
-        return np.asarray(self.evaluator(trials, self.weights, self.used).squares)[: len(trials)]
-
-
-def _beginnings(
+def _trial_costs(
     models: Models,
     parameters: Mapping[str, Parameter],
     records: Sequence[Record],
     used: Sequence[Record],
     loss: AbstractLoss | None,
-) -> _Beginnings:
-    """The beginnings of the `records`, of which those are `used`; what a fit compiles predicts them, too."""
+    trials: Sequence[Values],
+) -> Float[np.ndarray, " trials"]:
+    """The sum of the `loss` over the first periods of the records `used`, by the numbers [SI] of each trial.
+
+    The first periods are enough to tell a trial by, and quick where a contact never rests.  What a fit compiles
+    predicts them, too, side by side on all cores.
+    """
     if any(record.motion is not None for record in used):
         records = used = [_thinned(record) for record in used]
     ends = np.array([_end(record) for record in records])
@@ -335,9 +317,12 @@ def _beginnings(
     weights = as_weights(noises, is_used[list(places)])
     predictor, comparison = on_device((Predictor(models, records).until(ends), comparison))
     free = tuple(path for path, parameter in parameters.items() if parameter.free)
-    return _Beginnings(
-        Evaluator(predictor, comparison, _COARSE, places, tuple(sorted(parameters)), free), weights, is_used
-    )
+    evaluator = Evaluator(predictor, comparison, _COARSE, places, tuple(sorted(parameters)), free)
+    costs = lambda some: np.asarray(evaluator(some, weights, is_used).squares)[: len(some)]
+    first, *others = (trials[begin : begin + TOGETHER] for begin in range(0, len(trials), TOGETHER))
+    found = [costs(first)]  # alone: it compiles what the others share
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return np.concatenate([*found, *pool.map(costs, others)])
 
 
 def _thinned(record: Record) -> Record:
@@ -354,14 +339,6 @@ def _end(record: Record) -> float:
     """When the first periods of a record end [s]."""
     frequency = frequency_of(record) if record.motion is None else None
     return float(record.time[0] + PERIODS / float(frequency) if frequency else record.time[-1])
-
-
-def _tried(beginnings: _Beginnings, trials: Sequence[Values]) -> Float[np.ndarray, " trials"]:
-    """Chi-square of each trial, side by side on all cores."""
-    first, *others = (trials[begin : begin + TOGETHER] for begin in range(0, len(trials), TOGETHER))
-    costs = [beginnings.costs(first)]  # alone: it compiles what the others share
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return np.concatenate([*costs, *pool.map(beginnings.costs, others)])
 
 
 def initial_guess(study: Study) -> dict[str, float]:

@@ -21,10 +21,10 @@ from ...study import (
     depends_on,
     hidden_from,
 )
-from ..determinable_ranges import determinable_ranges
 from ..evidence import Evidence
 from ..least_squares import START_FAILED
 from ..parameter_transform import ParameterTransform
+from ..problem import determinable_ranges
 from ..record_checks import about_signs
 from ..steady_sines import Inseparable
 from ..validation import Missed

@@ -10,7 +10,7 @@
 
 import functools
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import NamedTuple
 
@@ -216,16 +216,18 @@ def best_fit(
     starts, missing = guess_starts(study.models, study.parameters, study.records)
     problem = pose(study, starts, accuracy, loss, effort)
     warn_of_memory_use(problem, starts)
-    problem.lowered(problem.encode(starts)).compile()
     if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
         fit, problem = with_noise(run(problem, starts, report), problem, run, report)
         return Evidence(problem, fit, study), starts
-    found = ranked(study, study.parameters, problem, starts, report, effort) if missing else []
     budget = Budget(effort)
     tried, unobserved = budget.counted(run), missing and platform_unobserved(study, problem)
-    contest = Contest(study, problem, found, unobserved, tried, report, excused, effort)
-    fit = _first(problem, found[0], tried, report) if missing else tried(problem, starts, report)
-    starts = shown(found[0], starts, contest) if missing else starts
+    contest = Contest(study, problem, [], unobserved, tried, report, excused, effort)
+    if missing:
+        contest.found = ranked(study.parameters, starts, contest)
+        fit = _first(problem, contest.found[0], tried, report)
+        starts = shown(contest.found[0], starts, contest)
+    else:
+        fit = tried(problem, starts, report)
     raced = reason_at_first(fit, contest)
     if raced:
         fit, starts = race(raced, fit, starts, contest)
@@ -255,24 +257,9 @@ APART = 1.0
 """Distance by the linear model, in standard deviations of the noise, from which two ends are different optima."""
 
 
-class Ended(NamedTuple):
-    """A fit and its starts."""
-
-    begun: dict[str, float]
-    fit: Fit
-
-
 def check_starts(count: int) -> None:
     """**Raises** `InputError` where so many starts are none."""
     check_whole("starts", count, 0, MOST_STARTS)
-
-
-def spread_starts(study: Study, around: Mapping[str, float], count: int, seed: int = 0) -> list[dict[str, float]]:
-    """`count` starts for every listed parameter [SI]; `around` gives what has no range of its own."""
-    ranges = scatter_ranges(study.models, study.parameters, study.records, around)
-    low, high = (np.log([ends[side] for ends in ranges.values()]) for side in (0, 1))
-    points = low + (high - low) * sobol_points(count, len(ranges), seed)
-    return [dict(around) | dict(zip(ranges, map(float, np.exp(point)), strict=True)) for point in points]
 
 
 def best_of_starts(
@@ -287,54 +274,54 @@ def best_of_starts(
 ) -> tuple[Fit, dict[str, float], Multistart]:
     """The best of the usual `fit` and of `count` others, its starts, and where all of them ended."""
     values = {path: float(number) for path, number in {**starts, **problem.decode(fit.free)}.items()}
-    others = spread_starts(study, values, count)
-    found: dict[int, Ended] = {}
+    ranges = scatter_ranges(study.models, study.parameters, study.records, values)
+    low, high = (np.log([ends[side] for ends in ranges.values()]) for side in (0, 1))
+    points = np.exp(low + (high - low) * sobol_points(count, len(ranges), 0))
+    others = [values | dict(zip(ranges, map(float, point), strict=True)) for point in points]
+    found: dict[int, Fit] = {}
     report(f"fitting from {count} more starts")
     work = functools.partial(_fitted, problem, run, others)
     for number, ended in each_done(work, range(count), executor):
-        found[number] = Ended(others[number], ended)
-        report(f"more starts: {len(found)} of {count}, lowest chi-square {min(e.fit.chi2 for e in found.values()):.6g}")
-    everyone = [Ended(starts, fit), *(found[number] for number in range(count))]
-    total = sum(ended.fit.evaluations for ended in everyone)
-    best = min(everyone, key=lambda ended: ended.fit.chi2 if ended.fit.success else np.inf)
-    if fit.success and (not best.fit.chi2 < fit.chi2 or _same(best.fit, fit, problem)):
-        best = everyone[0]
-    return best.fit._replace(evaluations=total), best.begun, _table(problem, everyone, study, values)
+        found[number] = ended
+        report(f"more starts: {len(found)} of {count}, lowest chi-square {min(e.chi2 for e in found.values()):.6g}")
+    everyone = [(fit, starts), *((found[number], others[number]) for number in range(count))]
+    total = sum(ended.evaluations for ended, _ in everyone)
+    best, begun = min(everyone, key=lambda ended: ended[0].chi2 if ended[0].success else np.inf)
+    if fit.success and (not best.chi2 < fit.chi2 or _same(best, fit, problem)):
+        best, begun = fit, starts
+    return best._replace(evaluations=total), begun, _table(problem, everyone, ranges)
 
 
 def _fitted(problem: Problem, run: FitMethod, starts: list[dict[str, float]], number: int) -> Fit:
     return run(problem, starts[number], quiet)
 
 
-def _table(problem: Problem, everyone: list[Ended], study: Study, around: Mapping[str, float]) -> Multistart:
-    """All ends, the lowest chi-square first."""
-    ordered = sorted(everyone, key=lambda ended: ended.fit.chi2)
-    transform = problem.residual.transform
-    fits = [ended.fit for ended in ordered]
+def _table(
+    problem: Problem, everyone: list[tuple[Fit, dict[str, float]]], ranges: dict[str, tuple[float, float]]
+) -> Multistart:
+    """All ends with their starts, the lowest chi-square first; starts lay in these `ranges`."""
+    ordered = sorted(everyone, key=lambda ended: ended[0].chi2)
+    transform, fits = problem.residual.transform, [fit for fit, _ in ordered]
     return Multistart(
         names=transform.paths,
         chi2=np.array([fit.chi2 for fit in fits]),
         converged=np.array([fit.success for fit in fits]),
-        starts=np.array([[ended.begun[path] for path in transform.paths] for ended in ordered]),
+        starts=np.array([[begun[path] for path in transform.paths] for _, begun in ordered]),
         ends=transform.in_si(transform.own(np.stack([fit.free for fit in fits]))),
         optimum=np.array(optima(fits, problem)),
         iterations=np.array([fit.iterations for fit in fits]),
-        ranges=scatter_ranges(study.models, study.parameters, study.records, around),
+        ranges=ranges,
     )
 
 
 def optima(fits: list[Fit], problem: Problem) -> list[int]:
     """For each of the `fits`, the lowest chi-square first, the number of its optimum; -1 where it did not converge."""
-    representatives: list[Fit] = []
-    numbers = []
+    representatives, numbers = list[Fit](), list[int]()
     for fit in fits:
-        number = -1
-        if fit.success:
-            equal = [k for k, other in enumerate(representatives) if _same(fit, other, problem)]
-            number = equal[0] if equal else len(representatives)
-            if not equal:
-                representatives.append(fit)
-        numbers.append(number)
+        equal = [k for k, other in enumerate(representatives) if fit.success and _same(fit, other, problem)]
+        numbers.append(equal[0] if equal else len(representatives) if fit.success else -1)
+        if fit.success and not equal:
+            representatives.append(fit)
     return numbers
 
 

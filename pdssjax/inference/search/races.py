@@ -108,12 +108,16 @@ def restarts(
     **Returns:** the best, once so many in a row as `most` found no better one, with the evaluations of all.
     """
     random = np.random.default_rng(0)
-    taken, spent, in_vain = 0, 0, 0
+    taken = spent = in_vain = 0
     while np.isfinite(fit.chi2) and needed(fit) and in_vain < most:
         factor, isotropic = 2.0 ** (in_vain % MOST_RESTARTS), in_vain >= MOST_RESTARTS
         isotropic |= bool(problem.residual.transform.at_bound(fit.free).all())
-        step = _isotropic_step(fit, factor, random) if isotropic else _step_of_errors(fit, problem, factor, random)
-        rival = run(problem, problem.decode(_perturbed(fit, problem, step)), quiet)
+        if isotropic:  # so that parameters at bounds leave them
+            step = _SCATTER * factor * random.normal(size=fit.free.size)
+        else:
+            step = _step_of_errors(fit, problem, factor, random)
+        step = step / max(1.0, np.max(np.abs(step)) / _LARGEST_PERTURBATION)
+        rival = run(problem, problem.decode(np.clip(fit.free + step, *problem.bounds)), quiet)
         spent += rival.evaluations
         in_vain = 0 if rival.chi2 < fit.chi2 - 1.0 else in_vain + 1
         if rival.chi2 < fit.chi2 - _LOWER:
@@ -129,11 +133,6 @@ def _is_discontinuous(fit: Fit) -> bool:
     return fit.ending in _DISCONTINUOUS_ENDINGS or int(last.evaluations) - 5 > _DISCONTINUOUS * int(last.iterations)
 
 
-def _isotropic_step(fit: Fit, factor: float, random: np.random.Generator) -> np.ndarray:
-    """A random step, as large for every parameter, so that those at bounds leave them."""
-    return _SCATTER * factor * random.normal(size=fit.free.size)
-
-
 def _step_of_errors(fit: Fit, problem: Problem, factor: float, random: np.random.Generator) -> np.ndarray:
     """A random step of some standard errors, in parameters that are not at bounds."""
     moves = ~problem.residual.transform.at_bound(fit.free)
@@ -141,12 +140,6 @@ def _step_of_errors(fit: Fit, problem: Problem, factor: float, random: np.random
     errors = 1.0 / np.maximum(singular, 1e-9 * singular[0])
     sizes = np.minimum(_PERTURBATION * factor * errors, _LARGEST_PERTURBATION)
     return (rows.T @ (sizes * random.normal(size=singular.size))) * moves
-
-
-def _perturbed(fit: Fit, problem: Problem, step: np.ndarray) -> np.ndarray:
-    """The end of the `fit` and a `step` further, within the bounds; no parameter leaves farther than allowed."""
-    step = step / max(1.0, np.max(np.abs(step)) / _LARGEST_PERTURBATION)
-    return np.clip(fit.free + step, *problem.bounds)
 
 
 class Race(NamedTuple):
@@ -182,7 +175,7 @@ _NOTICEABLE = 4.0
 """Decrease of chi-square that noise alone seldom leaves: two standard errors of one parameter."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Contest:
     """Data that all races of one study share."""
 
@@ -198,7 +191,7 @@ class Contest:
     """Whether what a poor fit leaves comes of what is held in it, so that no other start would help; None: never."""
     effort: Effort = USUAL
     """Decides how many starts are tried."""
-    judged: list[Evidence] = dataclasses.field(default_factory=list)
+    judged: Evidence | None = None
     """The evidence of the fit judged last."""
 
     def is_poor(self, fit: Fit) -> bool:
@@ -214,9 +207,9 @@ class Contest:
 
     def evidence(self, fit: Fit) -> Evidence:
         """The evidence of a `fit`, computed once for each."""
-        if not self.judged or self.judged[-1].fit is not fit:
-            self.judged[:] = [Evidence(self.problem, fit, self.study)]
-        return self.judged[-1]
+        if self.judged is None or self.judged.fit is not fit:
+            self.judged = Evidence(self.problem, fit, self.study)
+        return self.judged
 
 
 def platform_unobserved(study: Study, problem: Problem) -> bool:
@@ -264,18 +257,12 @@ def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> t
     return best, shown(begun, starts, contest)
 
 
-def ranked(
-    study: Study,
-    parameters: Mapping[str, Parameter],
-    problem: Problem,
-    starts: Values,
-    report: Progress,
-    effort: Effort = USUAL,
-) -> list[dict[str, float]]:
+def ranked(parameters: Mapping[str, Parameter], starts: Values, contest: Contest) -> list[dict[str, float]]:
     """Starts from the search, the most promising first, with the piezo from the platform records alone."""
-    piezo = piezo_alone(problem, starts, report)
-    report("searching for starts")
-    return rank_starts(study.models, parameters, study.records, piezo, effort.starts, problem.residual.loss)
+    study, loss = contest.study, contest.problem.residual.loss
+    piezo = piezo_alone(contest.problem, starts, contest.report)
+    contest.report("searching for starts")
+    return rank_starts(study.models, parameters, study.records, piezo, contest.effort.starts, loss)
 
 
 def shown(begun: dict[str, float], earlier: dict[str, float], contest: Contest) -> dict[str, float]:
@@ -286,10 +273,16 @@ def shown(begun: dict[str, float], earlier: dict[str, float], contest: Contest) 
 
 
 def _searched(starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
-    """Further starts from a search; where the study gives all starts, those found without them."""
+    """Further starts from a search; where the study gives all starts, those found without them.
+
+    What the platform shows and what was measured apart is known better, and keeps its starts.
+    """
     if contest.found:
         return contest.found[1:]
-    return ranked(contest.study, _without_starts(contest), contest.problem, starts, contest.report, contest.effort)
+    known = lambda path, p: not p.free or p.standard_error or shown_by_platform(path, contest.problem)
+    parameters = contest.study.parameters.items()
+    anywhere = {path: p if known(path, p) else dataclasses.replace(p, start=None) for path, p in parameters}
+    return ranked(anywhere, starts, contest)
 
 
 def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
@@ -315,16 +308,6 @@ def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dic
     return [*scatter_starts(*what, to_sticking=True, loss=loss)[: contest.effort.some(_STACK_GIVEN)], *scattered]
 
 
-def _without_starts(contest: Contest) -> dict[str, Parameter]:
-    """The parameters as a search may start them anywhere, but for those that are known better.
-
-    They are those that the platform shows and those that were measured apart.
-    """
-    known = lambda path, p: not p.free or p.standard_error or shown_by_platform(path, contest.problem)
-    parameters = contest.study.parameters.items()
-    return {path: p if known(path, p) else dataclasses.replace(p, start=None) for path, p in parameters}
-
-
 def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
     """Whether the fit was driven into a bound that it did not start from: a better optimum may lie elsewhere.
 
@@ -334,11 +317,9 @@ def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
     low, high = problem.bounds
     begun = problem.encode(starts)
     reached = ((fit.free <= low) & (begun > low)) | ((fit.free >= high) & (begun < high))
-    return bool(reached.any()) and _gain_beyond_bounds(fit, problem) > _NOTICEABLE
-
-
-def _gain_beyond_bounds(fit: Fit, problem: Problem) -> float:
-    """Decrease of chi-square, in units of its reduced value, that the linear model predicts without bounds."""
+    if not reached.any():
+        return False
+    # By the linear model without bounds.
     jacobian, residual = np.asarray(fit.state.jacobian), np.asarray(fit.state.residual)
-    step = scaled_least_squares(jacobian, residual, 1e-9)
-    return float(np.sum((jacobian @ step) ** 2) / max(Evidence(problem, fit).reduced_chi2, 1e-300))
+    gain = float(np.sum((jacobian @ scaled_least_squares(jacobian, residual, 1e-9)) ** 2))
+    return gain / max(Evidence(problem, fit).reduced_chi2, 1e-300) > _NOTICEABLE

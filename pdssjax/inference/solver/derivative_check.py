@@ -57,20 +57,13 @@ def random_direction(
     limit = _FARTHEST * jnp.maximum(jnp.abs(y), 1.0)
     signs = jax.random.normal(jax.random.key(0), y.shape, y.dtype)
     direction = jnp.where(norms > 0, signs / jnp.where(norms > 0, norms, 1.0), limit * signs) * free
-    return _sized(direction, jacobian, y, scale)
+    return scaled_direction(direction, jacobian, y, scale)
 
 
-def proposed_direction(
-    jacobian: Float[Array, "n p"], y: Float[Array, " p"], step: Float[Array, " p"], scale: Scalar
-) -> Float[Array, " p"]:
-    """The direction of a proposed `step`, scaled."""
-    return _sized(step, jacobian, y, scale)
-
-
-def _sized(
+def scaled_direction(
     direction: Float[Array, " p"], jacobian: Float[Array, "n p"], y: Float[Array, " p"], scale: Scalar
 ) -> Float[Array, " p"]:
-    """Scaled to change the residual by `scale`, but to move no parameter far."""
+    """The `direction`, scaled to change the residual by `scale`, but to move no parameter far."""
     change = jnp.linalg.norm(jacobian @ direction)
     longest = jnp.max(jnp.abs(direction) / (_FARTHEST * jnp.maximum(jnp.abs(y), 1.0)))
     factor = jnp.minimum(scale / jnp.maximum(change, 1e-300), 1.0 / (SIZES[0] * jnp.maximum(longest, 1e-300)))

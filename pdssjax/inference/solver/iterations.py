@@ -4,24 +4,18 @@ The residual is compiled as one function for values and one for values with the 
 solver makes of them is small.  Within `optimistix.least_squares` the same solver compiles everything together.
 """
 
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...core import Lowered, Tree, kept_jit
-from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judged, linearised
+from ...core import Tree, kept_jit
+from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judged, ResidualFunction, linearised
 from .lm_state import Ending, LMState
 from .trust_region import Bounds, Trial, first_point, second_point, trial_point
-
-ResidualFunction: TypeAlias = Callable[[Any, Any], Any]
-"""(point, args) to the residuals and what goes with them."""
-
-Shaped: TypeAlias = Any
-"""A pytree of what has a shape and a type of numbers."""
 
 Point: TypeAlias = Float[Array | np.ndarray, " p"]
 
@@ -53,10 +47,6 @@ class OfFunction(NamedTuple):
     def linearised(self, point: Point) -> Linearised:
         return _linearised(self.function, point, self.args)
 
-    def lowered(self, point: Point) -> Lowered:
-        """`linearised`, traced; its `compile` may go on in another thread."""
-        return _linearised.prepared(self.function, point, self.args)
-
 
 class Run(NamedTuple):
     """The constants of a run of the solver: all but its point and state."""
@@ -73,7 +63,7 @@ def iterate(run: Run, point: Point, state: LMState) -> tuple[Point, LMState, boo
     step, found = trial.proposal.step, state.residual
     if trial.bending or trial.checking:
         found = evaluations.values(first)[0]
-        step, last = _gone_on(point, bounds, state, trial, found)
+        step, last = _gone_on(point, bounds, state, trial, found)  # pyright: ignore[reportArgumentType]
     judged = _judged(solver, point, bounds, state, trial, step, (found, evaluations.values(last)[0]))
     if not bool(judged.accepted):
         return point, judged.state, _is_over(judged.state)
@@ -98,16 +88,14 @@ def _is_over(state: LMState) -> bool:
     return bool(BoundedLevenbergMarquardt.is_over(ending, checked))  # pyright: ignore[reportArgumentType]
 
 
-def begin(run: Run, point: Point, residual: Shaped, others: Shaped) -> LMState:
+def begin(run: Run, point: Point, residual: Tree, others: Tree) -> LMState:
     """The state before anything is evaluated, for a `residual` of that shape and `others` that go with it."""
     shapes = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), (residual, others))
     return _blank(run.solver, np.asarray(point), run.bounds, *shapes)
 
 
 @kept_jit
-def _blank(
-    solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, residual: Shaped, others: Shaped
-) -> LMState:
+def _blank(solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, residual: Tree, others: Tree) -> LMState:
     return solver.init(lambda point, args: (point, None), point, None, bounds, residual, others, frozenset())
 
 
@@ -131,13 +119,6 @@ def _begun(solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, stat
 
 
 @kept_jit
-def _gone_on(
-    point: Point, bounds: Bounds, state: LMState, trial: Trial, found: Float[Array, " n"]
-) -> tuple[Free, Free]:
-    return second_point(jnp.asarray(point), bounds, state, trial, found)
-
-
-@kept_jit
 def _judged(
     solver: BoundedLevenbergMarquardt,
     point: Point,
@@ -150,14 +131,4 @@ def _judged(
     return solver.judged(jnp.asarray(point), bounds, state, trial, step, jnp.stack(ends))
 
 
-@kept_jit
-def _moved(
-    solver: BoundedLevenbergMarquardt,
-    bounds: Bounds,
-    state: LMState,
-    trial: Trial,
-    judged: Judged,
-    out: tuple[Float[Array, " n"], Tree],
-    slopes: tuple[Float[Array, "n p"], Tree],
-) -> LMState:
-    return solver.moved(bounds, state, trial, judged, out, slopes)
+_gone_on, _moved = kept_jit(second_point), kept_jit(BoundedLevenbergMarquardt.moved)

@@ -103,15 +103,15 @@ def beside_kink(
     blank, bounds = begin(run, np.asarray(y), state.residual, state.aux), run.bounds
     step = np.asarray(state.proposed_step)
 
-    def seen(share: float, to: Float[Array, " p"], there: LMState) -> _Point:
+    def point_at(share: float, to: Float[Array, " p"], there: LMState) -> _Point:
         change = np.asarray(there.jacobian) @ step
         return _Point(share, to, there, change, float(change @ np.asarray(there.residual)))
 
     def at(share: float) -> _Point:
         to = jnp.asarray(np.clip(np.asarray(y) + share * step, bounds["lower"], bounds["upper"]))
-        return seen(share, to, iterate(run, to, blank)[1])
+        return point_at(share, to, iterate(run, to, blank)[1])
 
-    before, beyond, count = seen(0.0, jnp.asarray(y), state), None, 0
+    before, beyond, count = point_at(0.0, jnp.asarray(y), state), None, 0
     for share in _REACHES:
         point, count = at(share), count + 1
         if point.slope >= 0.0:

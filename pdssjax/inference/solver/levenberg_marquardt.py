@@ -41,8 +41,8 @@ from .derivative_check import (
     jump_of,
     next_check,
     noise_scale,
-    proposed_direction,
     random_direction,
+    scaled_direction,
 )
 from .lm_state import STOPPED, SUCCESSES, Auxiliary, Ending, LMState
 from .trust_region import (
@@ -224,13 +224,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         return Trial(proposal, jnp.stack(_apart(state, y, options, self.atol)), checking, bending)
 
     def judged(
-        self,
-        y: Free,
-        options: Bounds,
-        state: LMState,
-        trial: Trial,
-        step: Free,
-        ends: Float[Array, "2 n"],
+        self, y: Free, options: Bounds, state: LMState, trial: Trial, step: Free, ends: Float[Array, "2 n"]
     ) -> Judged:
         """What the evaluations of a `trial` say of its `step`: the residuals at its probe and its end, or apart."""
         proposal, residual = trial.proposal, ends[1]
@@ -439,7 +433,7 @@ def _apart(state: LMState, y: Float[Array, " p"], options: Bounds, atol: ScalarL
     scale = noise_scale(state.residual, state.jacobian, y, atol)
     free = (y > options["lower"]) & (y < options["upper"]) & (options["lower"] < options["upper"])
     random = random_direction(state.jacobian, y, free, scale)
-    proposed = proposed_direction(state.jacobian, y, state.proposed_step, scale)
+    proposed = scaled_direction(state.proposed_step, state.jacobian, y, scale)
     size = jnp.asarray(SIZES)[state.checked % len(SIZES)]
     move = size * jnp.where(state.checked < len(SIZES), random, proposed)
     return [jnp.clip(y + way * move, options["lower"], options["upper"]) for way in (1.0, -1.0)]

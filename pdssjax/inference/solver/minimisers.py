@@ -5,8 +5,7 @@ one it is the bound plus or minus sqrt(z^2 + 1) - 1 (F. James and M. Roos, Compu
 1975).  What is held is not given to them at all.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,27 +14,13 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from ...core import InputError, Tree
-from .levenberg_marquardt import BoundedLevenbergMarquardt
+from .levenberg_marquardt import BoundedLevenbergMarquardt, ResidualFunction
 
 Minimiser: TypeAlias = optx.AbstractLeastSquaresSolver[Any, Any, Any, Any]
 """Whatever its own state is."""
 
-ResidualFunction: TypeAlias = Callable[[Any, Any], tuple[Float[Array, " n"], Any]]
-"""(point, args) to the residuals and what goes with them."""
-
 _INSIDE = 1e-6
 """A start on a bound, where the sine has no slope, is moved inwards by this share of the distance."""
-
-
-class Outcome(NamedTuple):
-    """Where another solver ended."""
-
-    point: Float[np.ndarray, " p"]
-    steps: int
-    name: str
-    """Name of the solver's class."""
-    message: str
-    """The solver's message on its end."""
 
 
 def check_minimiser(given: object) -> None:
@@ -54,8 +39,11 @@ def minimised(
     args: Tree,
     options: dict[str, Float[np.ndarray, " p"]],
     limit: int,
-) -> Outcome:
-    """Where `minimiser` ends from `point` within the bounds of `options`, after `limit` steps at most."""
+) -> tuple[Float[np.ndarray, " p"], int, str]:
+    """Where `minimiser` ends from `point` within the bounds of `options`, after how many steps, and why in words.
+
+    It takes `limit` steps at most.
+    """
     low, high = options["lower"], options["upper"]
     free = np.flatnonzero(low < high)
     point = np.clip(np.asarray(point, float), low, high)
@@ -63,14 +51,13 @@ def minimised(
     fn = _Inserted(residual, jnp.asarray(point), jnp.asarray(free), begin)
     if isinstance(minimiser, BoundedLevenbergMarquardt):
         found = _run(minimiser, residual, jnp.asarray(point), args, options, limit)
-        end, message = np.asarray(found.value), found.result
+        end = np.asarray(found.value)
     else:
         found = _run(minimiser, fn, begin.unbounded(jnp.asarray(point[free])), args, {"jac": "fwd"}, limit)
-        end, message = np.asarray(fn.point(found.value)), found.result
-    said = optx.RESULTS[message] or "converged by its own tests"
-    return Outcome(
-        np.where(np.isfinite(end), end, point), int(found.stats["num_steps"]), type(minimiser).__name__, said
-    )
+        end = np.asarray(fn.point(found.value))
+    message = optx.RESULTS[found.result] or "converged by its own tests"
+    ended = f"{type(minimiser).__name__} ended ({message})"
+    return np.where(np.isfinite(end), end, point), int(found.stats["num_steps"]), ended
 
 
 @eqx.filter_jit
@@ -85,32 +72,23 @@ class _Bounded(eqx.Module):
     high: Float[Array, " p"]
 
     def bounded(self, z: Float[Array, " p"]) -> Float[Array, " p"]:
-        low, high, both = self._kinds()
+        has_low, has_high, low, high = self._ends()
         reach = jnp.sqrt(z**2 + 1.0) - 1.0
-        middle, half = self._middle()
-        single = jnp.where(low, self._low() + reach, jnp.where(high, self._high() - reach, z))
-        return jnp.where(both, middle + half * jnp.sin(z), single)
+        single = jnp.where(has_low, low + reach, jnp.where(has_high, high - reach, z))
+        return jnp.where(has_low & has_high, 0.5 * (low + high) + 0.5 * (high - low) * jnp.sin(z), single)
 
     def unbounded(self, y: Float[Array, " p"]) -> Float[Array, " p"]:
-        low, high, both = self._kinds()
-        middle, half = self._middle()
-        share = jnp.clip((y - middle) / jnp.where(half > 0.0, half, 1.0), -1.0 + _INSIDE, 1.0 - _INSIDE)
-        away = jnp.maximum(jnp.where(low, y - self._low(), self._high() - y), _INSIDE)
-        single = jnp.where(low | high, jnp.sqrt((away + 1.0) ** 2 - 1.0), y)
-        return jnp.where(both, jnp.arcsin(share), single)
+        has_low, has_high, low, high = self._ends()
+        half = 0.5 * (high - low)
+        share = (y - 0.5 * (low + high)) / jnp.where(half > 0.0, half, 1.0)
+        away = jnp.maximum(jnp.where(has_low, y - low, high - y), _INSIDE)
+        single = jnp.where(has_low | has_high, jnp.sqrt((away + 1.0) ** 2 - 1.0), y)
+        return jnp.where(has_low & has_high, jnp.arcsin(jnp.clip(share, -1.0 + _INSIDE, 1.0 - _INSIDE)), single)
 
-    def _kinds(self) -> tuple[Array, Array, Array]:
-        low, high = jnp.isfinite(self.low), jnp.isfinite(self.high)
-        return low, high, low & high
-
-    def _low(self) -> Float[Array, " p"]:
-        return jnp.where(jnp.isfinite(self.low), self.low, 0.0)
-
-    def _high(self) -> Float[Array, " p"]:
-        return jnp.where(jnp.isfinite(self.high), self.high, 0.0)
-
-    def _middle(self) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
-        return 0.5 * (self._low() + self._high()), 0.5 * (self._high() - self._low())
+    def _ends(self) -> tuple[Array, Array, Array, Array]:
+        """Whether each parameter has a lower and an upper bound, and the bounds, 0 for none."""
+        has_low, has_high = jnp.isfinite(self.low), jnp.isfinite(self.high)
+        return has_low, has_high, jnp.where(has_low, self.low, 0.0), jnp.where(has_high, self.high, 0.0)
 
 
 class _Inserted(eqx.Module):

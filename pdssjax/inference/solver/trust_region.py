@@ -60,13 +60,13 @@ def best_step(
 
 
 def first_radius(state: LMState, y: Float[Array, " p"]) -> Scalar:
-    """Steps no longer than the parameters themselves to begin with."""
+    """The first radius: steps are no longer than the parameters themselves."""
     norm = jnp.linalg.norm(state.size * y)
     return jnp.where(norm > 0, norm, jnp.maximum(jnp.linalg.norm(state.size), 1e-300))
 
 
 def next_radius(state: LMState, proposal: Proposal, gained: Scalar, squares: Scalar, ratio: Scalar) -> Scalar:
-    """MINPACK's rule: twice the step after a good one, a tenth to a half of it after a bad one."""
+    """The next radius by MINPACK's rule: twice a good step, a tenth to a half of a bad one."""
     before = jnp.sum(state.residual**2)
     # Where the parabola through both values and the slope at the start has its minimum.
     turning = 0.5 * proposal.slope / jnp.where(proposal.slope + gained < 0, proposal.slope + gained, -jnp.inf)

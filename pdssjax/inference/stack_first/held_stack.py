@@ -23,12 +23,13 @@ from jaxtyping import Float
 from ...integration import Accuracy
 from ...study import Study, Values, split_path
 from ..beyond_noise import highest_by_chance
+from ..covariance import scaled_least_squares
 from ..evidence import Evidence
 from ..least_squares import MAX_ITERATIONS, Fit, Progress, evaluated, fit_phase, quiet, summed
 from ..problem import Problem, pose
 from ..search.multistart import Point
 from ..stack_parameters import platform_alone_records, stack_parameters
-from .peak_picking import PATHS, PickedStack
+from .peak_picking import PATHS, PickedStack, whitened_readings
 
 
 def with_stack_held(study: Study, stack: Mapping[str, float]) -> Study:
@@ -100,23 +101,17 @@ def due_to_stack(study: Study, stack: PickedStack, accuracy: Accuracy, fit: Fit,
 
 def with_stack_freed(fit: Fit, problem: Problem, stack: PickedStack) -> Evidence:
     """The evidence of the walks alone with the stack freed, at the end of a fit that held it."""
-    paths, platform = problem.residual.transform.paths, platform_alone_records(problem.records)
-    rows = np.concatenate(
-        [np.arange(r.start, r.stop) for r, alone in zip(problem.rows, platform, strict=True) if not alone]
-    )
+    transform, alone = problem.residual.transform, platform_alone_records(problem.records)
+    every = np.arange(np.size(fit.state.residual))
+    rows = np.concatenate([every[r] for r, is_alone in zip(problem.rows, alone, strict=True) if not is_alone])
     residual, jacobian = np.asarray(fit.state.residual)[rows], np.asarray(fit.state.jacobian)[rows]
-    read = problem.residual.transform.among(PATHS)
-    moves = (read | ~stack_parameters(problem)) & ~problem.residual.transform.at_bound(fit.free)
-    places = [PATHS.index(path) for path in paths if path in PATHS]
-    known = np.zeros((len(places), len(paths)))
-    known[:, read] = np.linalg.cholesky(np.linalg.inv(stack.covariance[np.ix_(places, places)])).T
-    columns = np.vstack([jacobian, known]) * moves
-    size = np.linalg.norm(columns, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    step = -np.linalg.lstsq(columns / size, np.append(residual, np.zeros(len(places))), rcond=1e-9)[0] / size
-    walks = tuple(record for record, alone in zip(problem.records, platform, strict=True) if not alone)
-    off = float(np.sum((known @ step) ** 2))
-    if off < len(places) * highest_by_chance(len(places)):
+    moves = (transform.among(PATHS) | ~stack_parameters(problem)) & ~transform.at_bound(fit.free)
+    readings = whitened_readings(stack, transform.paths)
+    rest = np.append(residual, np.zeros(len(readings)))
+    step = -scaled_least_squares(np.vstack([jacobian, readings]) * moves, rest, 1e-9)
+    off = float(np.sum((readings @ step) ** 2))
+    if off < len(readings) * highest_by_chance(len(readings)):
         residual = residual + jacobian @ (step * moves)
+    walks = tuple(record for record, is_alone in zip(problem.records, alone, strict=True) if not is_alone)
     state = fit.state._replace(residual=residual, jacobian=jacobian)
-    return Evidence(problem._replace(records=walks, noise=problem.noise[~platform]), fit._replace(state=state))
+    return Evidence(problem._replace(records=walks, noise=problem.noise[~alone]), fit._replace(state=state))

@@ -18,11 +18,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import InputError
-from ...metrics import scatter_floor
 from ...piezo.second_order import SecondOrder
 from ...study import MARK, Record, Study, split_path
-from ..initial_values.record_features import is_step, voltages
+from ..initial_values.record_features import is_step, noise_of, voltages
 from ..initial_values.step_peaks import APART, Extremes, OneMode, extremes, one_mode, rest_before, step_response
+from ..residual import prior_measurements
 
 PEAKS = 6
 """Extremes read of a record, at most: three highs and three lows."""
@@ -103,6 +103,18 @@ class PickedStack:
         return logarithms, covariance
 
 
+def whitened_readings(stack: PickedStack, paths: Sequence[str]) -> Float[np.ndarray, "k p"]:
+    """The rows W that a reading adds to a Jacobian by the numbers of a fit at `paths`, those read being logarithms.
+
+    W'W is the inverse of the covariance of what was read of them; there is a row for each that is among `PATHS`.
+    """
+    here = [place for place, path in enumerate(paths) if path in PATHS]
+    read = [PATHS.index(paths[place]) for place in here]
+    rows = np.zeros((len(here), len(paths)))
+    rows[:, here] = np.linalg.inv(np.linalg.cholesky(stack.covariance[np.ix_(read, read)]))
+    return rows
+
+
 def pick_peaks(study: Study) -> PickedStack:
     """Gain [m/V], natural frequency [rad/s] and damping ratio from the fitted records of steps.
 
@@ -120,9 +132,9 @@ def pick_peaks(study: Study) -> PickedStack:
         )
     _check_between(study, steps, where)
     read = tuple(_read(record, where) for record in steps)
-    values = _mean([_picked(step) for step in read])
-    declared = {path: study.parameters[path] for path in PATHS if path in study.parameters}
-    priors = {path: prior for path, parameter in declared.items() if (prior := parameter.measured_apart) is not None}
+    systems = [one_mode(extremes(step.time, step.height, step.peaks)) for step in read]
+    values = np.mean([_numbers(system, step.voltage) for system, step in zip(systems, read, strict=True)], axis=0)
+    priors = {path: prior for path, prior in prior_measurements(study.parameters).items() if path in PATHS}
     stack = PickedStack(values, read, priors)
     for path, number in stack.values.items():
         _check_bounds(study, path, number, where)
@@ -199,7 +211,7 @@ def _read(record: Record, where: str) -> StepRecord:
             'or an offset, to count heights from for method "peaks".'
         )
     zero, count = rest_before(record.time, record.measured) if record.offset is None else (record.offset, 0)
-    noise = scatter_floor(record.measured) if record.noise is None else record.noise
+    noise = noise_of(record)
     height = np.sign(voltage) * (record.measured[after] - zero)
     zero_error = noise / np.sqrt(count) if count else 0.0
     step = StepRecord(record.name, record.time[after], height, abs(voltage), noise, float(zero_error), 2)
@@ -252,17 +264,9 @@ def _refuse(step: StepRecord, where: str, ringing: bool) -> None:
     )
 
 
-def _picked(step: StepRecord) -> Float[np.ndarray, "3"]:
-    return _numbers(one_mode(extremes(step.time, step.height, step.peaks)), step.voltage)
-
-
 def _numbers(system: OneMode, voltage: float) -> Float[np.ndarray, "... 3"]:
-    """In the order of `PATHS`, along the last axis."""
+    """The numbers of a system under a step of a `voltage`, in the order of `PATHS` along the last axis."""
     return np.stack([system.final / voltage, system.natural_frequency, system.damping_ratio], axis=-1)
-
-
-def _mean(numbers: Sequence[Float[np.ndarray, "... 3"]]) -> Float[np.ndarray, "... 3"]:
-    return np.mean(np.stack(numbers), axis=0)
 
 
 def simulated_covariance(values: Float[np.ndarray, "3"], steps: Sequence[StepRecord]) -> Float[np.ndarray, "3 3"]:
@@ -275,7 +279,7 @@ def simulated_covariance(values: Float[np.ndarray, "3"], steps: Sequence[StepRec
         truth = np.tile(values, (_TOGETHER, 1))
         # Over one sample the first peak takes every place between two samples, and the later ones too.
         truth[:, 1] *= half / (half + interval * random.uniform(-0.5, 0.5, _TOGETHER))
-        found = _mean([_simulated(truth, step, random) for step in steps])
+        found = np.mean([_simulated(truth, step, random) for step in steps], axis=0)
         with np.errstate(invalid="ignore"):
             errors = np.log(found / truth)
         moment += errors.T @ errors

@@ -30,7 +30,7 @@ _STEEP = 30.0
 
 
 class AtBounds(eqx.Module):
-    """k of the parameters, which move along q axes: x = x0 + A w."""
+    """The k parameters with their optimum at a bound; all move along q axes, x = x0 + A w."""
 
     begin: Float[np.ndarray, " k"]
     """s at w = 0."""

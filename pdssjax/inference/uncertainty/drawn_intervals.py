@@ -7,7 +7,7 @@ they are elsewhere.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple
 
@@ -21,17 +21,15 @@ from ...metrics import effective_size, effective_size_of_tails, rhat
 from ...study import Draws, Estimate, FittedParameter, ParameterDraws
 from ..draws import Drawing
 from ..evidence import Evidence
-from ..least_squares import Fit, FitMethod, Progress
+from ..least_squares import FitMethod, Progress
 from ..notes.about_records import about_better_optimum
 from ..parameter_transform import Box
 from ..problem import Problem
 from .bootstrap import Replicate, bootstrap, phases_of
-from .end_search import Verdict
 from .linear_intervals import NORMAL_95, half_width_95, row_factors
 from .no_u_turn import sample_by_trajectories
-from .posterior import Chains, sample_posterior
-from .posterior_model import BEYOND, LikelihoodEnd, posterior_model, principal_axes
-from .profile_likelihood import Evaluate
+from .posterior import BEYOND, Chains, posterior_model, principal_axes, sample_posterior
+from .profile_likelihood import End, Evaluate, Verdict, Which
 from .randomize_then_optimize import NothingToDraw
 from .second_order import Linearisation, linearisation_at
 
@@ -137,15 +135,15 @@ MANY_FAILED = 0.05
 
 def with_bootstrap(
     estimate: Estimate,
-    problem: Problem,
-    fit: Fit,
+    evidence: Evidence,
     run: FitMethod,
     drawing: Drawing,
     executor: Executor | None,
     report: Progress,
 ) -> Estimate:
     """`estimate` with the percentiles of a bootstrap as 95 % intervals, and all replicates as `draws`."""
-    replicates = bootstrap(problem, fit, run, Evidence(problem, fit).variance_factor, drawing, executor, report)
+    problem, fit = evidence.problem, evidence.fit
+    replicates = bootstrap(problem, fit, run, evidence.variance_factor, drawing, executor, report)
     good = [replicate.free for replicate in replicates if replicate.success]
     failed = len(replicates) - len(good)
     notes = [*estimate.notes, *_about_replicates(replicates, failed)]
@@ -186,7 +184,7 @@ def summary_of_replicates(
 
 
 def with_posterior(
-    estimate: Estimate, problem: Problem, fit: Fit, drawing: Drawing, executor: Executor | None, report: Progress
+    estimate: Estimate, evidence: Evidence, drawing: Drawing, executor: Executor | None, report: Progress
 ) -> Estimate:
     """`estimate` with the middle 95 % of the posterior as intervals, and all draws as `draws`.
 
@@ -194,7 +192,7 @@ def with_posterior(
 
     **Raises:** `InputError` where the fit itself cannot be simulated, or what was kept is not what a run writes.
     """
-    factor = Evidence(problem, fit).variance_factor
+    problem, fit, factor = evidence.problem, evidence.fit, evidence.variance_factor
     moving = np.array([estimate.parameters[path].identifiable for path in estimate.names])
     if not moving.any():
         note = "No posterior: the data say nothing about any parameter."
@@ -284,11 +282,11 @@ def _about_chains(draws: Draws) -> list[str]:
 
 
 def about_tails(
-    parameters: Sequence[ParameterDraws], free: Float[np.ndarray, "chains draws p"], ends: Sequence[LikelihoodEnd]
+    parameters: Sequence[ParameterDraws], free: Float[np.ndarray, "chains draws p"], ends: Mapping[Which, End]
 ) -> list[str]:
     """Notes on parameters of which fewer draws than can be chance lie beyond an end of their likelihood, far out."""
     missing = []
-    for place, side, end in ends:
+    for (place, side), end in ends.items():
         drawn = parameters[place]
         expected = BEYOND * (drawn.effective_tails or 0.0)
         beyond = float(np.mean(side * (free[:, :, place] - end.value) > 0.0)) / BEYOND
@@ -303,13 +301,11 @@ def about_tails(
     ]
 
 
-def about_endless(
-    paths: Sequence[str], ends: Sequence[LikelihoodEnd], logarithmic: Bool[np.ndarray, " p"]
-) -> list[str]:
+def about_endless(paths: Sequence[str], ends: Mapping[Which, End], logarithmic: Bool[np.ndarray, " p"]) -> list[str]:
     """Notes on parameters whose likelihood has no end where their values have none: what bounds them is the prior."""
     endless = [
         f"{paths[place]} {'above' if side > 0 else 'below'}"
-        for place, side, end in ends
+        for (place, side), end in ends.items()
         if end.verdict == Verdict.FLAT and not (side < 0 and logarithmic[place])
     ]
     if not endless:
@@ -321,15 +317,13 @@ def about_endless(
 
 
 def about_better_optima(
-    paths: Sequence[str],
-    ends: Sequence[LikelihoodEnd],
-    in_si: Callable[[Float[np.ndarray, " p"]], Float[np.ndarray, " p"]],
+    paths: Sequence[str], ends: Mapping[Which, End], in_si: Callable[[Float[np.ndarray, " p"]], Float[np.ndarray, " p"]]
 ) -> list[str]:
     """A note on the best of the points below the optimum that searches for ends have met."""
-    better = [found for found in ends if found.end.verdict == Verdict.LOWER]
+    better = {which: end for which, end in ends.items() if end.verdict == Verdict.LOWER}
     if not better:
         return []
-    place, _, end = min(better, key=lambda found: found.end.point.chi2)
+    (place, _), end = min(better.items(), key=lambda found: found[1].point.chi2)
     number = float(in_si(end.point.at)[place])
     return [about_better_optimum("While the posterior was learned", end.point.chi2, paths[place], number)]
 

@@ -33,9 +33,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...core import Document, Scalar
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
 from ..least_squares import Progress
-from .posterior import BLOCK, TO_JUDGE, Chains
-from .posterior_learning import learn
-from .posterior_model import Model
+from .posterior import BLOCK, TO_JUDGE, Chains, Model, learn, task_of
 from .profile_likelihood import Evaluate
 from .randomize_then_optimize import NothingToDraw, RandomizedResiduals, Widths, log_proposed
 from .residual_polynomial import ResidualPolynomial
@@ -132,11 +130,7 @@ class _Sampler(NamedTuple):
 
 
 def sample_by_trajectories(
-    model: Model,
-    drawing: Drawing,
-    executor: Executor | None,
-    report: Progress,
-    chains: int = CHAINS,
+    model: Model, drawing: Drawing, executor: Executor | None, report: Progress, chains: int = CHAINS
 ) -> Chains:
     """Draws of several chains; what the store has kept is not drawn again.
 
@@ -149,7 +143,7 @@ def sample_by_trajectories(
     wanted = drawing.count or DRAWS
     blocks = range(_WARM, -(-wanted // BLOCK))
     with reading(drawing.store, "draws of the chains"):
-        kept = {_task_of(entry, model.axes.shape): entry for entry in drawing.store.kept()}
+        kept = {task_of(entry, _shapes(entry, model.axes)): entry for entry in drawing.store.kept()}
     if any((chain, block) not in kept for chain in range(chains) for block in blocks):
         target = transported(model, learn(model, drawing.seed, executor, report))
         report("posterior: compiling the sampler")
@@ -164,7 +158,7 @@ def sample_by_trajectories(
                 done += 1
                 report(f"posterior: {done} of {chains * len(blocks)} blocks of {BLOCK} draws")
     each = [[kept[chain, block] for block in blocks if block != _WARM] for chain in range(chains)]
-    # JSON has no infinity, which the density is where the model cannot be simulated: it is None there.
+    # The density is None where the model cannot be simulated.
     numbers = lambda block, name: np.array(block[name], float if name == "log_posterior" else None)
     whole = lambda name: np.stack([np.concatenate([numbers(b, name) for b in part])[:wanted] for part in each])
     diverging, density = np.asarray(whole("diverging"), bool), whole("log_posterior")
@@ -296,7 +290,8 @@ class _Chain:
             steps, acceptance, diverging = int(state.num_steps), float(state.accept_prob), bool(state.diverging)
         free = np.asarray(self._target.map.at(self.w)).tolist()
         course = {"steps": steps, "acceptance": acceptance, "diverging": diverging}
-        return {"free": free, "log_posterior": self._density} | course
+        density = self._density if np.isfinite(self._density) else None  # JSON has no infinity
+        return {"free": free, "log_posterior": density} | course
 
     def _judge(self, proposed: Float[np.ndarray, " q"], log_there: float) -> None:
         density, log_here = self._log_density(proposed), log_proposed(self._mixture, self.w)
@@ -331,18 +326,10 @@ class _Chain:
         return value if np.isfinite(value) else -np.inf
 
 
-def _task_of(entry: Document, shape: tuple[int, int]) -> tuple[int, int]:
-    """Chain and block of an `entry`, of as many parameters and directions as the axes' `shape` says."""
-    task = entry["chain"], entry["block"]
-    if not all(isinstance(number, int) for number in task):
-        raise TypeError(f"chain, block = {task!r}")
-    shapes: dict[str, tuple[int, ...]] = {"end": (shape[1],)}
-    if task[1] == _WARM:
-        shapes["step_size"] = ()
-    else:
-        shapes["free"] = (BLOCK, shape[0])
-        shapes |= dict.fromkeys(("log_posterior", "steps", "acceptance", "diverging"), (BLOCK,))
-    for name, expected in shapes.items():
-        if np.shape(np.array(entry[name], float)) != expected:
-            raise ValueError(f"{name} of block {task[1]} of chain {task[0]} without the shape {expected}")
-    return task
+def _shapes(entry: Document, axes: Float[np.ndarray, "p q"]) -> dict[str, tuple[int, ...]]:
+    """The shapes of the numbers of an `entry`, by name."""
+    shapes: dict[str, tuple[int, ...]] = {"end": axes.shape[1:]}
+    if entry["block"] == _WARM:
+        return shapes | {"step_size": ()}
+    each = dict.fromkeys(("log_posterior", "steps", "acceptance", "diverging"), (BLOCK,))
+    return shapes | {"free": (BLOCK, len(axes))} | each

@@ -1,7 +1,7 @@
 """Standard errors by every method, loss and error model, and the advice which error model to believe.
 
 `standard_errors_of` takes the noise as white and enlarges errors where residuals exceed the noise given.  A fit in two
-steps propagates the first step's errors (`two_steps`) and also has naive errors, which take that step as exact; picked
+steps propagates the first step's errors (`influence`) and also has naive errors, which take that step as exact; picked
 peaks are a first step whose samples are their readings.  `with_error_models` adds the errors by every error model, and
 `advise` names the last model whose assumption the residuals support, where that changes an error by more than 15 %.
 """
@@ -19,17 +19,16 @@ from ...study import ErrorAdvice, Estimate, FittedParameter, ParameterError, cyc
 from ..beyond_noise import leaves_unresolved
 from ..covariance import Covariance, least_squares_covariance, set_unknown
 from ..evidence import Evidence
-from ..least_squares import Fit, Method, Progress, evaluated, quiet
+from ..least_squares import Fit, Method, Progress
 from ..losses.base import AbstractLoss
 from ..notes.about_records import listed
 from ..parameter_transform import ParameterTransform
 from ..problem import Problem
 from ..stack_first.peak_picking import PATHS, PickedStack
-from ..stack_parameters import platform_alone_records, stack_parameters, stack_residuals
+from ..stack_parameters import stack_parameters
 from .error_models.base import AbstractErrorModel, RecordErrors, total_of
-from .influence import curvature_of, influence_of, principal_directions
+from .influence import FittedPoint
 from .linear_intervals import effective_freedom, linear_intervals, record_factors, row_factors
-from .two_steps import TwoSteps
 
 EVIDENT = 10.0
 """Evidence of a record for an error model (as of Akaike's criterion) from which the one before it is wrong: some four
@@ -91,31 +90,6 @@ def _most_changed(parameters: Sequence[FittedParameter], before: str, after: str
     return max(ratios, key=lambda pair: max(pair[0], 1.0 / pair[0]), default=(1.0, ""))
 
 
-class FittedPoint(NamedTuple):
-    """The optimum of a fit of p parameters and n samples."""
-
-    method: Method
-    evidence: Evidence
-    residual: Float[np.ndarray, " n"]
-    jacobian: Float[np.ndarray, "n p"]
-    fitted: Bool[np.ndarray, " p"]
-    """The parameters that the records move: not held at a bound."""
-    known: Bool[np.ndarray, " p"]
-    """Which of the parameters the records determine."""
-    outlying: Bool[np.ndarray, " n"] | None = None
-    """Which samples stand out, as the records of the estimate have it; None where no error model asks."""
-
-    @property
-    def problem(self) -> Problem:
-        """The problem that was fitted."""
-        return self.evidence.problem
-
-    @property
-    def fit(self) -> Fit:
-        """The fit of the problem."""
-        return self.evidence.fit
-
-
 class _ByModel(NamedTuple):
     """Errors of p parameters by one error model, each on its own scale."""
 
@@ -141,15 +115,14 @@ def with_error_models(estimate: Estimate, evidence: Evidence, report: Progress) 
     As it is where the fit could not start, or no parameter has an error.
     """
     problem, fit = evidence.problem, evidence.fit
-    point = fitted_point(estimate.method, evidence)
+    point = FittedPoint(estimate.method, evidence)
     if not point.known.any() or not np.isfinite(point.residual).all() or not np.isfinite(point.jacobian).all():
         return estimate
-    point = point._replace(outlying=_outlying(estimate, problem, point.residual.size))
-    found = _covariances(point, all_error_models(), None)
+    found = _covariances(point, estimate, all_error_models(), None)
     for_models = {name: by_model.evidence for name, by_model in found.items()}
     if any(most >= EVIDENT for shares in for_models.values() for most in shares):
         # Residuals that are not white do not average out in the second derivative of chi-square.
-        found |= _covariances(point, all_error_models()[1:], _curvatures(point, report))
+        found |= _covariances(point, estimate, all_error_models()[1:], point.curvatures(report))
     free = problem.residual.transform
     parameters = _with_errors(estimate.parameters, found, free, fit.free)
     slopes = np.abs(free.slope(fit.free))
@@ -170,61 +143,39 @@ def with_error_models(estimate: Estimate, evidence: Evidence, report: Progress) 
     )
 
 
-def fitted_point(method: Method, evidence: Evidence) -> FittedPoint:
-    """The optimum of a fit, as error models need it."""
-    problem, fit = evidence.problem, evidence.fit
-    jacobian, free = np.asarray(fit.state.jacobian), problem.residual.transform
-    held = free.at_bound(fit.free)
-    known = np.zeros(held.size, bool)
-    if np.isfinite(jacobian).all():
-        known = least_squares_covariance(jacobian, held).identifiable
-    fitted = ~held & (np.linalg.norm(jacobian, axis=0) > 0)
-    return FittedPoint(method, evidence, np.asarray(fit.state.residual), jacobian, fitted, known)
-
-
-def _outlying(estimate: Estimate, problem: Problem, count: int) -> Bool[np.ndarray, " n"]:
-    """Which of `count` residuals belong to samples that stand out, as the records of the `estimate` have it."""
-    out = np.zeros(count, bool)
-    fitted = [record for record in estimate.records if record.role == "fit"]
-    for record, rows in zip(fitted, problem.rows, strict=True):
-        out[rows][record.outliers] = True
-    return out
-
-
-def _record_errors(point: FittedPoint, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
-    """Every fitted record as error models take it."""
-    problem, evidence, taken = point.problem, point.evidence, point.evidence.degrees_taken
+def _record_errors(point: FittedPoint, estimate: Estimate, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
+    """Every fitted record as error models take it; samples stand out as the records of the `estimate` have it."""
+    problem, evidence = point.problem, point.evidence
     factors = record_factors(problem, evidence.variance_factor)
     jacobian = problem.residual.transform.own_jacobian(point.jacobian)
-    known_from, pooled = evidence.noise_freedom, evidence.noise_is_given
+    fitted = [record for record in estimate.records if record.role == "fit"]
     return [
         RecordErrors(
-            point.residual[rows],
-            jacobian[rows],
-            effect[rows],
-            record.time,
-            cycles_a_second(record),
-            float(of_record),
-            max(record.time.size - float(degrees), 1.0),
-            float(degrees_known),
-            bool(is_pooled),
-            None if point.outlying is None else point.outlying[rows],
+            residual=point.residual[rows],
+            jacobian=jacobian[rows],
+            influence=effect[rows],
+            time=record.time,
+            frequency=cycles_a_second(record),
+            variance_factor=float(factors[i]),
+            freedom=max(record.time.size - float(evidence.degrees_taken[i]), 1.0),
+            noise_freedom=float(evidence.noise_freedom[i]),
+            pooled=bool(evidence.noise_is_given[i]),
+            outlying=np.isin(np.arange(record.time.size), found.outliers),
         )
-        for record, rows, of_record, degrees, degrees_known, is_pooled in zip(
-            problem.records, problem.rows, factors, taken, known_from, pooled, strict=True
-        )
+        for i, (record, rows, found) in enumerate(zip(problem.records, problem.rows, fitted, strict=True))
     ]
 
 
 def _covariances(
     point: FittedPoint,
+    estimate: Estimate,
     models: Sequence[AbstractErrorModel],
     curvatures: Sequence[Float[np.ndarray, "p k"]] | None,
 ) -> dict[str, "_ByModel"]:
     """The errors by each of the `models`, by its name."""
     own = point.problem.residual.transform
-    effect, unknown = own.own_effect(influence_at(point, curvatures)), own.tied_to(~point.known)
-    records, out = _record_errors(point, effect), {}
+    effect, unknown = own.own_effect(point.influence(curvatures)), own.tied_to(~point.known)
+    records, out = _record_errors(point, estimate, effect), {}
     # What was measured apart has errors of its own, whatever those of the samples.
     prior = effect[point.problem.rows_apart]
     for model in models:
@@ -236,53 +187,6 @@ def _covariances(
         known_from = effective_freedom(np.diag(matrix), variances, freedom, pooled)
         out[model.name] = _ByModel(matrix, known_from, [share.evidence for share in shares])
     return out
-
-
-def influence_at(
-    point: FittedPoint, curvatures: Sequence[Float[np.ndarray, "p k"]] | None = None
-) -> Float[np.ndarray, "n p"]:
-    """The effect of each residual on each parameter, on the fit's scale; zero of parameters that are not known.
-
-    **Arguments:** `curvatures` of each record's residuals along the principal directions; None: none.
-    """
-    if point.method == "sequential":
-        alone = platform_alone_records(point.problem.records)
-        steps = None if curvatures is None else (_total(curvatures, alone), _total(curvatures, ~alone))
-        return two_steps(point).influence(steps)
-    out, kept = np.zeros(point.jacobian.shape), point.fitted
-    total = None if curvatures is None else _total(curvatures, np.ones(len(curvatures), bool))[kept]
-    out[:, kept] = influence_of(point.jacobian[:, kept], total)
-    return out * point.known
-
-
-def two_steps(point: FittedPoint) -> TwoSteps:
-    """The two steps of a sequential fit."""
-    first, stack = stack_residuals(point.problem)[:, None], stack_parameters(point.problem)
-    earlier, later = np.flatnonzero(stack & point.known), np.flatnonzero(~stack & point.known)
-    return TwoSteps(point.jacobian * first, point.jacobian * ~first, earlier, later)
-
-
-def _total(
-    matrices: Sequence[Float[np.ndarray, "p k"]], used: Bool[np.ndarray, " records"]
-) -> Float[np.ndarray, "p k"]:
-    return sum((m for m, use in zip(matrices, used, strict=True) if use), np.zeros_like(matrices[0]))
-
-
-def _curvatures(point: FittedPoint, report: Progress) -> list[Float[np.ndarray, "p k"]]:
-    """For each record, the sum of its residuals times their second derivatives, along the principal directions."""
-    report("second derivatives, for errors where the model does not explain all")
-    if point.method == "sequential":
-        directions = two_steps(point).directions()
-    else:
-        spread = principal_directions(point.jacobian[:, point.fitted])
-        directions = np.zeros((point.fitted.size, spread.shape[1]))
-        directions[point.fitted] = spread
-
-    def jacobian_at(free: Float[np.ndarray, " p"]) -> Float[np.ndarray, "n p"]:
-        return np.asarray(evaluated(point.problem, free, quiet).state.jacobian)
-
-    rows, bounds = point.problem.rows, point.problem.bounds
-    return curvature_of(jacobian_at, point.fit.free, point.residual, point.jacobian, directions, rows, bounds)
 
 
 def _with_errors(
@@ -366,26 +270,21 @@ def standard_errors_of(method: Method, evidence: Evidence, stack: PickedStack | 
     problem, fit = evidence.problem, evidence.fit
     if problem.residual.loss.is_robust:
         return _robust(problem, fit)
-    point, naive = fitted_point(method, evidence), None
-    whole = least_squares_covariance(point.jacobian, problem.residual.transform.at_bound(fit.free))
-    factor = evidence.variance_factor
-    factors, unknown = row_factors(problem, factor), ~point.known
-    if method == "joint":
-        effect = influence_at(point)
-    else:
-        steps = two_steps(point) if stack is None else _after_peaks(point, stack)
-        factors = np.append(factors, np.ones(len(steps.first) - factors.size))
+    point, naive = FittedPoint(method, evidence, stack), None
+    factor, unknown = evidence.variance_factor, ~point.known
+    effect, factors = point.influence(), row_factors(problem, factor)
+    if method != "joint":
+        factors = np.append(factors, np.ones(len(effect) - factors.size))
         if stack is not None:
             unknown |= stack_parameters(problem) & ~problem.residual.transform.among(PATHS)
-        effect = steps.influence()
-        naive = _covariance(steps.with_first_exact().influence(), factors, unknown)
-    known = whole._replace(matrix=_covariance(effect, factors, unknown))
+        naive = _covariance(point.steps.with_first_exact().influence(), factors, unknown)
+    known = point.covariance._replace(matrix=_covariance(effect, factors, unknown))
     own = problem.residual.transform
     squares = factors[:, None] * own.own_effect(effect) ** 2
     shares = [np.sum(squares[rows], axis=0) for rows in problem.rows]
     noise = evidence.noise_freedom, evidence.noise_is_given
     freedom = effective_freedom(np.diag(own.own_covariance(known.matrix)), shares, *noise)
-    return StandardErrors(known, naive, _covariance_with_priors(point, effect, stack), factor, freedom)
+    return StandardErrors(known, naive, _covariance_with_priors(point, effect), factor, freedom)
 
 
 def _covariance(
@@ -396,21 +295,7 @@ def _covariance(
     return matrix
 
 
-def _after_peaks(point: FittedPoint, stack: PickedStack) -> TwoSteps:
-    """The steps of a fit after `stack`, whose readings are further rows below the residuals."""
-    paths, platform = point.problem.residual.transform.paths, stack_residuals(point.problem)
-    earlier = np.array([i for i, path in enumerate(paths) if path in PATHS and point.known[i]], int)
-    later = np.flatnonzero(~stack_parameters(point.problem) & point.known)
-    places = [PATHS.index(paths[i]) for i in earlier]
-    readings = np.zeros((earlier.size, len(paths)))
-    readings[:, earlier] = np.linalg.inv(np.linalg.cholesky(stack.covariance[np.ix_(places, places)]))
-    walks = point.jacobian * ~platform[:, None]
-    return TwoSteps(np.concatenate([0.0 * walks, readings]), np.concatenate([walks, 0.0 * readings]), earlier, later)
-
-
-def _covariance_with_priors(
-    point: FittedPoint, effect: Float[np.ndarray, "n p"], stack: PickedStack | None
-) -> Float[np.ndarray, " p"]:
+def _covariance_with_priors(point: FittedPoint, effect: Float[np.ndarray, "n p"]) -> Float[np.ndarray, " p"]:
     """The covariance of each estimate with its number measured apart.
 
     The effect of that number is that of its row, whose error is 1 over its Jacobian on this scale.
@@ -419,8 +304,8 @@ def _covariance_with_priors(
     effect = residual.transform.own_effect(effect)
     for row, path in enumerate(residual.priors, point.problem.rows_apart.start):
         place = residual.transform.paths.index(path)
-        if stack is not None and path in PATHS:
-            out[place] = stack.covariance[PATHS.index(path), PATHS.index(path)]
+        if point.stack is not None and path in PATHS:
+            out[place] = point.stack.covariance[PATHS.index(path), PATHS.index(path)]
         elif point.jacobian[row, place] != 0.0:
             out[place] = effect[row, place] / point.jacobian[row, place]
     return out

@@ -5,28 +5,276 @@ sensors are marginalised (they are linear, and the residual leaves their project
 that given or found, its variance enlarged by `factor` as those of the standard errors are.
 
 Valleys of chi-square are narrow and bent: a sampler takes hundreds of evaluations from draw to draw, with the model a
-day.  So a polynomial stands for the residuals (`residual_polynomial`), learned around its own draws until the model
-agrees with it there (`posterior_learning`).  Its draws (`randomize_then_optimize`) are independent, some of them wider
-than it says lest they miss what it does not know.  Each is a proposal, which the model accepts with probability
-min(1, w' / w), w the model's density over the proposals': draws are the model's whatever the polynomial is, which only
-decides how many are accepted (L. Tierney, Annals of Statistics 22(4), 1994, independence chains; J. A. Christen and
-C. Fox, J. Computational and Graphical Statistics 14(4), 2005).
+day.  So a polynomial stands for the residuals (`residual_polynomial`).  If only its own draws had taught it, it would
+know little of where it leads far out, and not propose the draws that would teach it.  So it begins with the ends of the
+profile likelihood, 2.4 standard errors out where chi-square is a parabola, and is then learned round after round where
+the randomized residuals of the model lie: the polynomial is solved for some of them, and from there on the model, by
+Newton's method with its own Jacobian,
+
+    w <- w + (Q' J A)^-1 (u - Q' r(x0 + A w))
+
+A valley may be thousands of standard deviations of the linear model long: where a polynomial misses it by 10^5 in
+chi-square, two such steps come to it, and all linearisations on the way teach the polynomial of the next round.
+
+Draws of the last polynomial (`randomize_then_optimize`) are independent, some of them wider than it says lest they miss
+what it does not know.  Each is a proposal, which the model accepts with probability min(1, w' / w), w the model's
+density over the proposals': draws are the model's whatever the polynomial is, which only decides how many are accepted
+(L. Tierney, Annals of Statistics 22(4), 1994, independence chains; J. A. Christen and C. Fox, J. Computational and
+Graphical Statistics 14(4), 2005).
 """
 
+import contextlib
 import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple
 
+import jax
 import numpy as np
-from jaxtyping import Float, Int, Num
+from jaxtyping import Array, Bool, Float, Int, Num
 
-from ...core import Document
+from ...core import Document, InputError
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
 from ..least_squares import Progress
-from .posterior_learning import learn
-from .posterior_model import Model
-from .randomize_then_optimize import Widths
-from .residual_polynomial import ResidualPolynomial
+from ..parameter_transform import Box
+from .at_bounds import AtBounds, at_bounds
+from .linear_intervals import NORMAL_95
+from .profile_likelihood import SIDES, End, Evaluate, ProfileLikelihood, Which, linearise_all
+from .randomize_then_optimize import Mixture, NothingToDraw, Proposals, Widths, propose, tangents
+from .residual_polynomial import (
+    ResidualPolynomial,
+    count_points,
+    count_terms,
+    degree_for,
+    learned_polynomial,
+    of_second_order,
+)
+from .second_order import Linearisation, factors
+
+_FAR = 1.5 * NORMAL_95**2
+"""Excess of chi-square at the ends: 1.5 times that at those of a 95 % interval."""
+
+BEYOND = 0.5 * math.erfc(math.sqrt(0.5 * _FAR))
+"""Share of a posterior beyond such an end, where it is as wide as the likelihood."""
+
+Residuals = Callable[[Float[np.ndarray, " p"]], Float[Array | np.ndarray, " n"]]
+"""Whitened residuals at a point; not finite where it cannot be simulated."""
+
+
+class Model(NamedTuple):
+    """The posterior to draw from."""
+
+    evaluate: Evaluate
+    """Residuals and Jacobian."""
+    residuals: Residuals
+    optimum: Linearisation
+    axes: Float[np.ndarray, "p q"]
+    """Axes along which parameters move."""
+    held: AtBounds
+    """Parameters with their optimum at a bound."""
+    bounds: Box
+    logarithmic: Bool[np.ndarray, " p"]
+    """Which numbers are the logarithms of their values."""
+    factor: float
+    """Factor by which variances exceed those of the noise given."""
+    first: ResidualPolynomial
+    """Curvature of the residuals, learned from all evaluations so far."""
+    ends: Mapping[Which, End]
+    """Ends of the likelihood of each parameter that moves, far out, by its index and the side."""
+
+    @property
+    def prior_slopes(self) -> Float[np.ndarray, " p"]:
+        """Gradient of the log of a prior flat in the values: where x is the logarithm of one, its density is exp(x)."""
+        return self.logarithmic.astype(float)
+
+    def log_prior(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n"]:
+        """The logarithm of the prior, but for a constant."""
+        return (free - self.optimum.at) @ self.prior_slopes
+
+    def mixture(self, learned: ResidualPolynomial, widths: Widths) -> Mixture:
+        """The mixture around a polynomial that was `learned`, with variances enlarged by the `widths`."""
+        numbers = jax.tree.map(np.asarray, (self.factor, widths))
+        return Mixture(learned, self.axes, self.held, *numbers)
+
+    def proposals(
+        self, learned: ResidualPolynomial, widths: Widths, count: int, random: np.random.Generator
+    ) -> Proposals:
+        """Draws of that mixture."""
+        return propose(self.mixture(learned, widths), self.bounds, count, random)
+
+    def along_axes(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n q"]:
+        """Numbers on the scale of the fit as distances from the optimum along the axes."""
+        return (free - self.optimum.at) @ np.linalg.pinv(self.axes).T
+
+
+def principal_axes(optimum: Linearisation, moving: Int[np.ndarray, " q"], factor: float) -> Float[np.ndarray, "p q"]:
+    """A with A A' the covariance of the linear model at an `optimum`, of the parameters at the places `moving`."""
+    _, singular, rows, norms = factors(optimum.jacobian[:, moving])
+    axes = np.zeros((optimum.at.size, moving.size))
+    axes[moving] = np.sqrt(factor) * (rows / singular[:, None]).T / norms[:, None]
+    return axes
+
+
+def posterior_model(
+    evaluate: Evaluate,
+    residuals: Residuals,
+    optimum: Linearisation,
+    moving: Int[np.ndarray, " q"],
+    bounds: Box,
+    logarithmic: Bool[np.ndarray, " p"],
+    factor: float,
+    executor: Executor | None,
+    report: Progress,
+) -> Model:
+    """The model around its `optimum`, with the parameters at the places `moving`; see `Model` for the others.
+
+    Ends are searched for side by side in the threads of the `executor`.
+
+    **Raises:** `InputError` where the model cannot be simulated at its optimum.
+    """
+    if not np.isfinite(optimum.chi2):
+        raise InputError("posterior: found a model that cannot be simulated at its optimum; expected a finished fit.")
+    report("posterior: curvature at the optimum")
+    likelihood = ProfileLikelihood(evaluate, optimum, _FAR * factor, bounds, factor, executor)
+    which: list[Which] = [(int(index), side) for index in moving for side in SIDES]
+    tell = lambda done: report(f"posterior: where the likelihood ends, {done} of {len(which)} ends")
+    ends, shared, axes = likelihood.ends(which, tell), likelihood.shared, principal_axes(optimum, moving, factor)
+    if len(shared.points) + 1 < count_points(moving.size):
+        first = of_second_order(optimum, shared.at_optimum, axes)
+    else:
+        first = learned_polynomial(optimum, shared.points, axes, factor).turned()
+    held = at_bounds(optimum, axes, moving, bounds, factor, logarithmic.astype(float))
+    return Model(evaluate, residuals, optimum, axes, held, bounds, logarithmic, factor, first, ends)
+
+
+_TRIED, _ROUNDS = 5, 6
+"""Rounds of learning with the ends, after which they are left out, and without them, at most."""
+
+_MOST = 4
+"""Order of a polynomial, where one of third does not agree."""
+
+_SURPLUS = 2.5
+"""Numbers that the draws of a round tell, for each coefficient of a polynomial of third order."""
+
+_FEWEST = 24
+"""Draws of a round."""
+
+_AGREEMENT = 0.85
+"""Overlap of model and polynomial from which the polynomial is good; with `_FEWEST` points 1 is seldom."""
+
+_WIDTHS = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0)
+"""Widths of the mixture that draws are taken from."""
+
+_NEWTON = 3
+"""Steps of Newton's method with the model."""
+
+_SOLVED = 0.3
+"""Tolerance of the equation, in standard deviations of a residual."""
+
+
+def learn(model: Model, seed: int, executor: Executor | None, report: Progress) -> ResidualPolynomial:
+    """A polynomial that agrees with the model over the posterior, as far as one does.
+
+    It begins with all that the ends of the likelihood have taught, and keeps to them.  Where no polynomial follows a
+    valley that far, it begins with the curvature at the optimum alone; where kinks pass for curvature, so that
+    polynomials fold over everywhere, it is the linear model.
+    """
+    ends = [end.point for end in model.ends.values()]
+    # A polynomial that folds over near the optimum has hardly any draws.
+    with contextlib.suppress(NothingToDraw):
+        learned, agreement = _rounds(model, model.first, ends, range(_TRIED), seed, executor, report)
+        if agreement > _AGREEMENT:
+            return learned
+    likelihood = ProfileLikelihood(model.evaluate, model.optimum, 1.0, model.bounds, executor=executor)
+    near = likelihood.shared.at_optimum
+    first = of_second_order(model.optimum, near, model.axes)
+    with contextlib.suppress(NothingToDraw):
+        return _rounds(model, first, [], range(_TRIED, _TRIED + _ROUNDS), seed, executor, report)[0]
+    return of_second_order(model.optimum, near._replace(second=np.zeros_like(near.second)), model.axes)
+
+
+def _rounds(
+    model: Model,
+    polynomial: ResidualPolynomial,
+    points: list[Linearisation],
+    numbers: range,
+    seed: int,
+    executor: Executor | None,
+    report: Progress,
+) -> tuple[ResidualPolynomial, float]:
+    """A polynomial learned from the `points` and from draws of a `polynomial`, round after round, until it agrees.
+
+    **Returns:** with it the overlap of the model's density with that of the polynomial of the round before.
+    """
+    moving, agreement = model.axes.shape[1], 0.0
+    count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
+    for number in numbers:
+        report(f"posterior: learning the residuals, round {number + 1}")
+        proposed = model.proposals(polynomial, _WIDTHS, count, stream(seed, "learn", number))
+        there = linearise_all(model.evaluate, list(proposed.free), executor)
+        exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
+        weight = model.log_prior(proposed.free) - proposed.log_proposed
+        agreement = in_common(exact + weight, proposed.log_learned + weight)
+        points = [*points, *there]
+        good = agreement > _AGREEMENT
+        if not good:
+            points += solved_further(model, proposed, there, executor)
+        most = polynomial.degree if good else _MOST
+        polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor, most).turned()
+        if good:
+            break
+    return polynomial, agreement
+
+
+def solved_further(
+    model: Model, proposed: Proposals, there: Sequence[Linearisation], executor: Executor | None
+) -> list[Linearisation]:
+    """Linearisations on the way from the polynomial's solutions to those of the model.
+
+    **Arguments:** the draws `proposed` by a polynomial, and the model's linearisations `there`.
+    """
+    basis = np.asarray(tangents(model.optimum.jacobian @ model.axes @ np.asarray(model.held.free_directions())))
+    free = slice(model.held.rates.size, None)
+    found: list[Linearisation] = []
+    due = list(zip(proposed.randomized, there, strict=True))
+    for _ in range(_NEWTON):
+        left = [target[free] - basis.T @ point.residual for target, point in due]
+        unsolved = [
+            (target, np.clip(point.at + model.axes @ _newton_step(model, basis, point, rest), *model.bounds))
+            for (target, point), rest in zip(due, left, strict=True)
+            if np.isfinite(point.chi2) and np.linalg.norm(rest) > _SOLVED * np.sqrt(model.factor)
+        ]
+        places = [place for _, place in unsolved]
+        due = list(
+            zip([target for target, _ in unsolved], linearise_all(model.evaluate, places, executor), strict=True)
+        )
+        found += [point for _, point in due]
+    return found
+
+
+def _newton_step(
+    model: Model, basis: Float[np.ndarray, "n q-k"], point: Linearisation, left: Float[np.ndarray, " q-k"]
+) -> Float[np.ndarray, " q"]:
+    """The step along the axes that solves the equation by the linear model at a `point`.
+
+    What the polynomial has for parameters at bounds is what they have.
+    """
+    rows = np.concatenate([model.held.rows, basis.T @ point.jacobian @ model.axes])
+    return np.linalg.lstsq(rows, np.append(np.zeros(len(model.held.rows)), left))[0]
+
+
+def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
+    """Overlap of two densities, 1 where they are equal: from logarithms of their weights at the same draws."""
+    weights = []
+    for logs in (first, second):
+        finite = np.isfinite(logs)
+        if not finite.any():
+            return 0.0
+        weight = np.exp(np.where(finite, logs, -np.inf) - np.max(logs[finite]))
+        weights.append(weight / np.sum(weight))
+    return float(np.sum(np.minimum(*weights)))
+
 
 BLOCK = 50
 """Draws between two moments at which they are kept."""
@@ -51,11 +299,7 @@ class Chains(NamedTuple):
 
 
 def sample_posterior(
-    model: Model,
-    drawing: Drawing,
-    executor: Executor | None,
-    report: Progress,
-    chains: int = CHAINS,
+    model: Model, drawing: Drawing, executor: Executor | None, report: Progress, chains: int = CHAINS
 ) -> Chains:
     """Draws of several chains; what the store has kept is not asked of the model again.
 
@@ -66,8 +310,9 @@ def sample_posterior(
     """
     wanted = drawing.count or DRAWS
     blocks = -(-wanted // BLOCK)
+    shapes = {"free": (BLOCK, model.optimum.at.size), "proposed": (BLOCK,), "log_posterior": (BLOCK,)}
     with reading(drawing.store, "draws of the chains"):
-        kept = {_task_of(entry, model.optimum.at.size): entry for entry in drawing.store.kept()}
+        kept = {task_of(entry, shapes): entry for entry in drawing.store.kept()}
     due = [(chain, block) for block in range(blocks) for chain in range(chains) if (chain, block) not in kept]
     if due:
         learned = learn(model, drawing.seed, executor, report)
@@ -122,15 +367,18 @@ def _judged(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[in
     return {"chain": task[0], "block": task[1], **draws, "log_posterior": density}
 
 
-def _task_of(entry: Document, size: int) -> tuple[int, int]:
-    """Chain and block of an `entry`."""
+def task_of(entry: Document, shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, int]:
+    """Chain and block of an `entry` of a store, whose numbers have these `shapes` by name.
+
+    **Raises:** `TypeError` or `ValueError` where it is none, or has numbers that are not finite.
+    """
     task = entry["chain"], entry["block"]
     if not all(isinstance(number, int) for number in task):
         raise TypeError(f"chain, block = {task!r}")
-    for name, shape in (("free", (BLOCK, size)), ("proposed", (BLOCK,)), ("log_posterior", (BLOCK,))):
+    for name, shape in shapes.items():
         numbers = np.array(entry[name], float)
         if numbers.shape != shape:
-            raise ValueError(f"{name} of block {task[1]} of chain {task[0]} without {BLOCK} draws of {size} parameters")
+            raise ValueError(f"{name} of block {task[1]} of chain {task[0]} without the shape {shape}")
         # Where the model cannot be simulated there is no density, and it is NaN.
         if not np.isfinite(numbers).all() and (name != "log_posterior" or np.isinf(numbers).any()):
             raise ValueError(f"{name} of block {task[1]} of chain {task[0]} with numbers that are not finite")

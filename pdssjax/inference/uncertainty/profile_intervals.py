@@ -1,24 +1,217 @@
-"""Likelihood intervals of an estimate, with a curve and a verdict for each parameter."""
+"""Likelihood intervals of an estimate, with a curve of chi-square and a verdict for each parameter.
+
+Between the optimum and an end the valley of chi-square is a cubic in the profiled parameter, by values and tangents
+of the others; what is known of how residuals bend brings a point nearer to its floor.  The point halfway is evaluated,
+the linear model there tells what the others still gain, and where it misses the cubic each half is treated alike.  So
+the curve has values and slopes at a few points, and cubics between them.
+"""
 
 import dataclasses
+import itertools
 from concurrent.futures import Executor
+from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ...study import Estimate, FittedParameter, Profile
-from ..covariance import least_squares_covariance
+from ..covariance import least_squares_covariance, scaled_least_squares
 from ..draws import each_done
 from ..evidence import Evidence
 from ..least_squares import Fit, Progress
 from ..notes.about_records import about_better_optimum
 from ..problem import Problem
-from .end_search import End, Verdict, standard_errors
 from .linear_intervals import half_width_95
-from .profile_curve import Curve, profile_curve
-from .profile_likelihood import REACH, interval_ends, learn_curvature
-from .second_order import Linearisation, linearisation_at
+from .profile_likelihood import SIDES, End, ProfileLikelihood, Verdict, linearise
+from .second_order import NULL, Aim, Linearisation, SecondOrder, linearisation_at, lowest
+
+_HALVINGS = 2
+"""Halvings of each side at most: 3 points between the optimum and the end."""
+
+_BENT = 0.02
+"""Share of the threshold by which a point misses the cubic, from which each half has a point of its own."""
+
+_SHOWN = 12
+"""Points shown of each side besides the optimum."""
+
+_OFF = 0.02
+"""Share of the threshold that the others may still gain at a point by the linear model; beyond it they move."""
+
+_CORRECTIONS = 8
+"""Evaluations at most to bring a point into the valley."""
+
+
+class Curve(NamedTuple):
+    """One side or both, the profiled parameter on the scale of the fit and ascending."""
+
+    value: Float[np.ndarray, " points"]
+    excess: Float[np.ndarray, " points"]
+    """Chi-square above its minimum, minimised over all else."""
+    computed: Bool[np.ndarray, " points"]
+    missed: float
+    """The most by which a point misses the cubic of its neighbours, in units of the threshold; NaN without points."""
+    falls: float
+    """The most by which the excess falls on the way outwards, in units of the threshold."""
+    evaluations: int
+
+    @property
+    def quality(self) -> float:
+        """1 where interpolation predicts each point, 0 where one misses by the threshold; NaN without points."""
+        return float(np.maximum(0.0, 1.0 - self.missed))
+
+
+class _Node(NamedTuple):
+    """A point of the valley."""
+
+    point: Linearisation
+    excess: float
+    slope: float
+    """Derivative of the excess by the profiled parameter."""
+    tangent: Float[np.ndarray, " p"]
+    """Derivative of the valley by the profiled parameter; 1 for itself."""
+
+
+def profile_curve(likelihood: ProfileLikelihood, index: int, ends: tuple[End, End]) -> Curve:
+    """Both sides of the profile of the parameter `index`, between its `ends`: lower and upper."""
+    low, high = (_Side(likelihood, index).run(end.point) for end in ends)
+    return Curve(
+        np.concatenate([low.value[::-1], high.value[1:]]),
+        np.concatenate([low.excess[::-1], high.excess[1:]]),
+        np.concatenate([low.computed[::-1], high.computed[1:]]),
+        float(np.fmax(low.missed, high.missed)),
+        max(low.falls, high.falls),
+        low.evaluations + high.evaluations,
+    )
+
+
+class _Side:
+    """The valley between the optimum and one end."""
+
+    def __init__(self, likelihood: ProfileLikelihood, index: int):
+        self.likelihood, self.optimum, self.index = likelihood, likelihood.optimum, index
+        self.low, self.high, self.threshold = likelihood.low, likelihood.high, float(likelihood.thresholds[index])
+        self.aim = Aim(index, 1.0, self.optimum.chi2, self.low, self.high, likelihood.sizes)
+        self.evaluations, self.missed = 0, float("nan")
+
+    def run(self, end: Linearisation) -> Curve:
+        """Follow the valley from the optimum to the `end`."""
+        first, last = self._node(self.optimum), self._node(end)
+        if not (np.isfinite(last.excess) and end.at[self.index] != self.optimum.at[self.index]):
+            nothing = np.zeros(1)
+            return Curve(self.optimum.at[[self.index]], nothing, nothing == 0.0, float("nan"), 0.0, 0)
+        nodes = [first, *self._between(first, last, _HALVINGS), last]
+        at = np.array([node.point.at[self.index] for node in nodes])
+        heights = np.array([node.excess for node in nodes])
+        segments = list(itertools.pairwise(nodes))
+        shown = _SHOWN // len(segments)
+        value = np.concatenate([[at[0]], *(np.linspace(*pair, shown + 1)[1:] for pair in itertools.pairwise(at))])
+        excess = [
+            _cubic(*segment, self.index, v)
+            for k, segment in enumerate(segments)
+            for v in value[1:].reshape(-1, shown)[k]
+        ]
+        falls = float(np.max(np.maximum.accumulate(heights) - heights)) / self.threshold
+        computed = np.arange(value.size) % shown == 0
+        return Curve(value, np.array([0.0, *excess]), computed, self.missed, falls, self.evaluations)
+
+    def _between(self, one_end: _Node, other_end: _Node, halvings: int) -> list[_Node]:
+        """Nodes between two others, in their order."""
+        if not halvings:
+            return []
+        at = 0.5 * (one_end.point.at[self.index] + other_end.point.at[self.index])
+        node = self._corrected(self._linearised(self._valley(one_end, other_end, at)))
+        if not np.isfinite(node.excess):
+            return []
+        foretold = _cubic(one_end, other_end, self.index, at)
+        missed = abs(node.excess - foretold) / self.threshold
+        if halvings < _HALVINGS or missed < _BENT:
+            # Of a cubic between points half as far apart: a sixteenth of what was missed before it was halved.
+            self.missed = float(np.fmax(self.missed, missed if halvings < _HALVINGS else missed / 16.0))
+        if missed < _BENT:
+            return [node]
+        return [*self._between(one_end, node, halvings - 1), node, *self._between(node, other_end, halvings - 1)]
+
+    def _corrected(self, point: Linearisation) -> _Node:
+        """The node at a `point`, after steps of the others that bring it into the valley where it is off."""
+        node, share = self._node(point), 1.0
+        for _ in range(_CORRECTIONS):
+            if not point.chi2 - self.optimum.chi2 - node.excess > _OFF * self.threshold:
+                break
+            nearer = self._linearised(point.at + share * self._best(point))
+            share = 1.0 if nearer.chi2 < point.chi2 else 0.25 * share
+            if nearer.chi2 < point.chi2:
+                point, node = nearer, self._node(nearer)
+        return node
+
+    def _valley(self, one_end: _Node, other_end: _Node, at: float) -> Float[np.ndarray, " p"]:
+        """All parameters where the profiled one is `at`."""
+        near, far = one_end.point.at, other_end.point.at
+        guess = _hermite(near[self.index], far[self.index], near, far, one_end.tangent, other_end.tangent, at)
+        guess[self.index] = at
+        guess = np.clip(guess, self.low, self.high)
+        nearer = min((one_end.point, other_end.point), key=lambda point: abs(point.at[self.index] - at))
+        curvature = self.likelihood.shared.at(0.5 * (guess + nearer.at))
+        if curvature is None:
+            return guess
+        return nearer.at + lowest(SecondOrder(nearer, curvature), nearer.at, guess - nearer.at, self.aim)
+
+    def _node(self, point: Linearisation) -> _Node:
+        """The node of the valley near a point, by the linear model."""
+        if not np.isfinite(point.chi2):
+            return _Node(point, np.inf, np.nan, np.zeros(point.at.size))
+        residual = point.residual + point.jacobian @ self._best(point)
+        slope = 2.0 * float(point.jacobian[:, self.index] @ residual)
+        others = self._others(point)
+        tangent = np.zeros(point.at.size)
+        tangent[others] = -scaled_least_squares(point.jacobian[:, others], point.jacobian[:, self.index], NULL)
+        tangent[self.index] = 1.0
+        return _Node(point, float(residual @ residual) - self.optimum.chi2, slope, tangent)
+
+    def _best(self, point: Linearisation) -> Float[np.ndarray, " p"]:
+        """The step of the others that lowers chi-square most, by the linear model and within the bounds."""
+        others, step = self._others(point), np.zeros(point.at.size)
+        step[others] = -scaled_least_squares(point.jacobian[:, others], point.residual, NULL)
+        return np.clip(point.at + step, self.low, self.high) - point.at
+
+    def _others(self, point: Linearisation) -> Bool[np.ndarray, " p"]:
+        """The parameters besides the profiled one that are not at a bound."""
+        return (point.at > self.low) & (point.at < self.high) & (np.arange(point.at.size) != self.index)
+
+    def _linearised(self, at: Float[np.ndarray, " p"]) -> Linearisation:
+        self.evaluations += 1
+        return linearise(self.likelihood.evaluate, at)
+
+
+def _cubic(one_end: _Node, other_end: _Node, index: int, at: float) -> float:
+    """The excess between two nodes."""
+    low, high = one_end.point.at[index], other_end.point.at[index]
+    first, last, slope_first, slope_last = (
+        np.array(value) for value in (one_end.excess, other_end.excess, one_end.slope, other_end.slope)
+    )
+    return float(_hermite(low, high, first, last, slope_first, slope_last, at))
+
+
+def _hermite(
+    low: float,
+    high: float,
+    first: Float[np.ndarray, "*shape"],
+    last: Float[np.ndarray, "*shape"],
+    slope_first: Float[np.ndarray, "*shape"],
+    slope_last: Float[np.ndarray, "*shape"],
+    at: float,
+) -> Float[np.ndarray, "*shape"]:
+    """The cubic with values and slopes given at `low` and `high`, limited so that it stays between the values."""
+    width, rise = high - low, last - first
+    t = (at - low) / width
+    start, end = (_limited(width * slope, rise) for slope in (slope_first, slope_last))
+    return first + t * (start + t * (3.0 * rise - 2.0 * start - end + t * (start + end - 2.0 * rise)))
+
+
+def _limited(slope: Float[np.ndarray, "*shape"], rise: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """A slope that keeps a cubic between its ends (F. N. Fritsch and R. E. Carlson, SIAM J. Num. Anal. 17(2), 1980)."""
+    return np.where(slope * rise > 0.0, np.clip(slope, -3.0 * np.abs(rise), 3.0 * np.abs(rise)), 0.0)
+
 
 FALLS = 0.05
 """Share of the threshold by which chi-square may fall on the way outwards before that counts as another minimum."""
@@ -65,12 +258,8 @@ def notes_of(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...]
     return notes
 
 
-SIDES = -1.0, 1.0
-"""The lower and the upper end of an interval."""
-
-
 def with_profile_intervals(
-    estimate: Estimate, problem: Problem, fit: Fit, executor: Executor | None, report: Progress
+    estimate: Estimate, evidence: Evidence, executor: Executor | None, report: Progress
 ) -> Estimate:
     """`estimate` with 95 % intervals that end where chi-square, minimised over all else, exceeds its threshold.
 
@@ -79,16 +268,13 @@ def with_profile_intervals(
     the data say nothing keep their interval.  A note names every end that is no ordinary one.  `profiles` holds the
     curve between the ends of each.
     """
-    factor = Evidence(problem, fit).variance_factor
-    thresholds = _thresholds(estimate, problem, fit, factor)
-    transform = problem.residual.transform
+    thresholds, transform = _thresholds(estimate, evidence), evidence.problem.residual.transform
     kept = [path for path in transform.paths if estimate.parameters[path].identifiable]
     tied = [path for path in kept if transform.along(path) is not transform]
-    estimate = _profiled(
-        estimate, problem, fit, [p for p in kept if p not in tied], thresholds, factor, executor, report
-    )
+    rest = thresholds, evidence.variance_factor, executor, report
+    estimate = _profiled(estimate, evidence.problem, evidence.fit, [p for p in kept if p not in tied], *rest)
     for path in tied:  # each in numbers of the fit of which it is one
-        estimate = _profiled(estimate, *_along(path, problem, fit), [path], thresholds, factor, executor, report)
+        estimate = _profiled(estimate, *_along(path, evidence.problem, evidence.fit), [path], *rest)
     order = [profile for path in kept for profile in estimate.profiles if profile.path == path]
     return dataclasses.replace(estimate, profiles=tuple(order))
 
@@ -118,19 +304,21 @@ def _profiled(
     paths = problem.residual.transform.paths
     optimum = linearisation_at(fit)
     report("curvature at the optimum")
-    shared = learn_curvature(problem.linearised, optimum, thresholds, problem.bounds, factor, executor=executor)
-    both = [(paths.index(path), side) for path in kept for side in SIDES]
-    which = [(index, side) for index, side in both if not _at_bound(problem, optimum, index, side)]
-    tell = lambda done: report(f"intervals: {done} of {len(which)} ends")
-    found = interval_ends(
-        problem.linearised, optimum, which, thresholds, problem.bounds, shared, executor=executor, report=tell
-    )
-    ends_at = dict(zip(which, found, strict=True))
-    pairs = {path: _pair(problem, optimum, estimate.parameters[path], ends_at) for path in kept}
-    threshold_of = lambda path: float(thresholds[paths.index(path)])
-    draw = lambda path: profile_curve(
-        problem.linearised, optimum, paths.index(path), pairs[path], threshold_of(path), problem.bounds, shared
-    )
+    likelihood = ProfileLikelihood(problem.linearised, optimum, thresholds, problem.bounds, factor, executor)
+    both, (low, high) = [(paths.index(path), side) for path in kept for side in SIDES], problem.bounds
+    at_bound = {-1.0: optimum.at <= low, 1.0: optimum.at >= high}
+    which = [(index, side) for index, side in both if not at_bound[side][index]]
+    found = likelihood.ends(which, lambda done: report(f"intervals: {done} of {len(which)} ends"))
+
+    def ends_of(path: str) -> tuple[End, End]:
+        """Both ends of a parameter: those found, or the bound that it lies at."""
+        index = paths.index(path)
+        bound = End(float(optimum.at[index]), Verdict.AT_BOUND, optimum, 0)
+        ends = (_opened(found.get((index, side), bound), side, estimate.parameters[path], problem) for side in SIDES)
+        return next(ends), next(ends)
+
+    pairs = {path: ends_of(path) for path in kept}
+    draw = lambda path: profile_curve(likelihood, paths.index(path), pairs[path])
     curves: dict[str, Curve] = {}
     for path, curve in each_done(draw, kept, executor):
         curves[path] = curve
@@ -138,45 +326,29 @@ def _profiled(
     parameters, notes, profiles = dict(estimate.parameters), list(estimate.notes), list(estimate.profiles)
     for path in kept:
         index, parameter, ends = paths.index(path), estimate.parameters[path], pairs[path]
-        low, high = (_value(problem, index, end) for end in ends)
+        interval = _value(problem, index, ends[0]), _value(problem, index, ends[1])
         verdicts = str(ends[0].verdict), str(ends[1].verdict)
-        parameters[path] = dataclasses.replace(parameter, interval=(low, high), verdicts=verdicts)
-        profiles.append(_profile(problem, optimum, index, curves[path], ends, threshold_of(path)))
+        parameters[path] = dataclasses.replace(parameter, interval=interval, verdicts=verdicts)
+        profiles.append(_profile(problem, likelihood, index, curves[path], ends))
         notes += notes_of(parameter, problem, ends, float(optimum.at[index]))
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
 
 
-def _thresholds(estimate: Estimate, problem: Problem, fit: Fit, factor: float) -> Float[np.ndarray, " p"]:
+def _thresholds(estimate: Estimate, evidence: Evidence) -> Float[np.ndarray, " p"]:
     """Excess of chi-square over its minimum at the ends of the interval of each parameter.
 
     A profile of chi-square is the ratio of the parameter's variance to that by the noise given, times chi-square's
     distribution of one degree of freedom (J. T. Kent, Biometrika 69(1), 1982), or that of t^2 where the noise was
-    estimated.  At a bound, where there is no variance, it is the `factor` of the noise given, and the fewest degrees of
+    estimated.  At a bound, where there is no variance, it is the factor of the noise given, and the fewest degrees of
     freedom of the others.
     """
-    free = problem.residual.transform
+    free, fit = evidence.problem.residual.transform, evidence.fit
     held = free.at_bound(fit.free)
     given = free.own_covariance(least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix)
     freedom = np.array([estimate.parameters[path].degrees_of_freedom for path in free.paths])
     freedom = np.where(held, np.min(freedom), freedom)
     ratio = np.diag(estimate.covariance) / (np.diag(given) * free.slope(fit.free) ** 2)
-    return half_width_95(freedom) ** 2 * np.nan_to_num(ratio, nan=factor)
-
-
-def _at_bound(problem: Problem, optimum: Linearisation, index: int, side: float) -> bool:
-    """The parameter lies at the end of its range on that `side`."""
-    low, high = problem.bounds
-    return bool(optimum.at[index] >= high[index] if side > 0 else optimum.at[index] <= low[index])
-
-
-def _pair(
-    problem: Problem, optimum: Linearisation, parameter: FittedParameter, found: dict[tuple[int, float], End]
-) -> tuple[End, End]:
-    """Both ends of a `parameter`: those `found`, or the bound that it lies at."""
-    index = problem.residual.transform.paths.index(parameter.path)
-    bound = End(float(optimum.at[index]), Verdict.AT_BOUND, optimum, 0)
-    low, high = (_opened(found.get((index, side), bound), side, parameter, problem) for side in SIDES)
-    return low, high
+    return half_width_95(freedom) ** 2 * np.nan_to_num(ratio, nan=evidence.variance_factor)
 
 
 def _opened(end: End, side: float, parameter: FittedParameter, problem: Problem) -> End:
@@ -184,7 +356,7 @@ def _opened(end: End, side: float, parameter: FittedParameter, problem: Problem)
     if end.verdict != Verdict.AT_BOUND:
         return end
     index = problem.residual.transform.paths.index(parameter.path)
-    bound = parameter.bounds[1 if side > 0 else 0]
+    bound = parameter.bounds[side > 0]
     # Of a legal range the fit leaves out a millionth at its upper end.
     if np.isclose(_in_si(problem, end.point.at, index, end.value), bound, rtol=1e-5, atol=0.0):
         return end
@@ -192,15 +364,14 @@ def _opened(end: End, side: float, parameter: FittedParameter, problem: Problem)
 
 
 def _profile(
-    problem: Problem, optimum: Linearisation, index: int, curve: Curve, ends: tuple[End, ...], threshold: float
+    problem: Problem, likelihood: ProfileLikelihood, index: int, curve: Curve, ends: tuple[End, ...]
 ) -> Profile:
-    path = problem.residual.transform.paths[index]
-    half_width = standard_errors(optimum, threshold, REACH)[0][index]
+    optimum, threshold = likelihood.optimum, float(likelihood.thresholds[index])
     return Profile(
-        path=path,
+        path=problem.residual.transform.paths[index],
         value=np.array([_in_si(problem, optimum.at, index, value) for value in curve.value]),
         excess=curve.excess,
-        linear=threshold * ((curve.value - optimum.at[index]) / half_width) ** 2,
+        linear=threshold * ((curve.value - optimum.at[index]) / likelihood.sizes[index]) ** 2,
         computed=curve.computed,
         threshold=threshold,
         verdict=verdict_of(ends, curve),

@@ -1,32 +1,50 @@
-"""Likelihood intervals: how far each parameter can go while the others make the best of it.
+"""Profile likelihood: how far each parameter can go while the others make the best of it.
 
 The 95 % interval of a parameter holds the values at which chi-square, minimised over all other parameters, stays
-below its minimum plus a threshold.  Its ends are found without a curve (`end_search`), all of them side by side:
-what one linearisation tells of how the residuals bend serves every search (`shared_curvature`).
+below its minimum plus a threshold.  Its ends are found without a curve, all of them side by side.
+
+At the current point of a search the end of a model of second order, whose residuals may bend (`second_order`), is the
+next point.  Where steps vanish the gradient has no component but the parameter's own, and chi-square is the
+threshold's, whatever the model left out.
+
+All searches share what is known of the curvature: a polynomial of third order (`residual_polynomial`), learned from
+every linearisation that any of them has requested as soon as these determine it; before that the curvature at the
+optimum, from probes.  Where neither follows the residuals a search learns the curvature where it is.
 """
 
-from collections.abc import Callable, Sequence
+import enum
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..draws import each_done
 from ..parameter_transform import Box
-from .end_search import End, EndSearch, PointRequests, SharedCurvature, probe_places, standard_errors
-from .quadratic_end import Aim
-from .second_order import Linearisation
+from .residual_polynomial import SampledPolynomial, count_points, learned_polynomial
+from .second_order import (
+    Aim,
+    Curvature,
+    Linearisation,
+    SecondOrder,
+    best_of_others,
+    factors,
+    follow,
+    learned_curvature,
+    parabola,
+)
 
 Evaluate = Callable[
     [Float[Array | np.ndarray, " p"]], tuple[Float[Array | np.ndarray, " n"], Float[Array | np.ndarray, "n p"]]
 ]
 """Whitened residual and its Jacobian at a point; not finite where the model cannot be evaluated."""
 
-Which = tuple[int, float]
-"""Index of a parameter, and the side of its interval: -1.0 or 1.0."""
+SIDES = -1.0, 1.0
+"""The lower and the upper end of an interval."""
 
-Threshold = float | Float[np.ndarray, " p"]
-"""Excess of chi-square over its minimum at an end: one for all parameters, or one for each."""
+Which = tuple[int, float]
+"""Index of a parameter, and the side of its interval, one of `SIDES`."""
 
 REACH = 7.0
 """How far a parameter is followed before it counts as flat, on the fit's scale: a factor of a thousand."""
@@ -47,61 +65,325 @@ def linearise_all(
     return [found[number] for number in range(len(places))]
 
 
-def learn_curvature(
-    evaluate: Evaluate,
-    optimum: Linearisation,
-    threshold: Threshold,
-    bounds: Box,
-    factor: float = 1.0,
-    executor: Executor | None = None,
-) -> SharedCurvature:
-    """Learn the curvature that the ends around an `optimum` share, by one evaluation per parameter.
+PROBED = 0.05
+"""Distance from a point at which its curvature is probed, in half widths of the linear intervals."""
 
-    **Arguments:** as of `interval_ends`; the `factor` by which variances exceed those of the noise given.
+
+def standard_errors(
+    optimum: Linearisation, threshold: float | Float[np.ndarray, " p"], reach: float
+) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
+    """Half widths of the linear intervals, none longer than `reach`; and a scale: J scale is orthonormal.
+
+    The `threshold` is that of all parameters, or one each.  A parameter that changes nothing within the reach has an
+    axis of its own, as long as that: singular vectors of equal values would mix it with others and shorten theirs.
     """
-    sizes, scale = standard_errors(optimum, threshold, REACH)
-    places = probe_places(optimum.at, sizes, scale, bounds)
-    return SharedCurvature(optimum, linearise_all(evaluate, places, executor), scale, factor)
+    determined = reach * np.linalg.norm(optimum.jacobian, axis=0) > np.sqrt(threshold)
+    scale = np.diag(np.where(determined, 0.0, reach))
+    if determined.any():
+        _, singular, rows, norms = factors(optimum.jacobian[:, determined])
+        axes = (rows / singular[:, None]).T / norms[:, None]
+        axes = axes * np.minimum(1.0, reach / np.maximum(np.max(np.abs(axes), axis=0), 1e-300))
+        scale[np.ix_(determined, np.flatnonzero(determined)[: singular.size])] = axes
+    return np.minimum(np.linalg.norm(scale, axis=1) * np.sqrt(threshold), reach), scale
 
 
-def interval_ends(
-    evaluate: Evaluate,
-    optimum: Linearisation,
-    which: Sequence[Which],
-    threshold: Threshold,
-    bounds: Box,
-    shared: SharedCurvature,
-    reach: float = REACH,
-    executor: Executor | None = None,
-    report: Callable[[int], None] = lambda done: None,
-) -> list[End]:
-    """The likelihood ends at the sides of parameters that `which` names.
+def probe_places(
+    at: Float[np.ndarray, " p"], sizes: Float[np.ndarray, " p"], scale: Float[np.ndarray, "p p"], bounds: Box
+) -> list[Float[np.ndarray, " p"]]:
+    """A place a parameter: each goes a little along the valley in which that one would leave the point."""
+    places = []
+    for index in range(at.size):
+        along = scale @ scale[index]
+        step = PROBED * along * (sizes[index] / max(abs(along[index]), 1e-300))
+        ahead, behind = (np.clip(at + sign * step, *bounds) for sign in (1.0, -1.0))
+        places.append(ahead if np.abs(ahead - at).max() >= np.abs(behind - at).max() else behind)
+    return [place for place in places if np.any(place != at)]
 
-    **Arguments:** the `optimum` of the sum of squares between `bounds`; the `threshold` by which chi-square may
-    exceed its minimum; what is known of its curvature (`learn_curvature`); how far a parameter is followed before it
-    counts as flat, `reach` on the fit's scale; `report` is told how many ends have been found.
+
+_GROWTH = 1.1
+"""Growth of the number of points after which the polynomial is learned again, which may take longer than they do."""
+
+
+class SharedCurvature:
+    """The curvature that all searches around an `optimum` share, from `probes` near it on.
+
+    **Arguments:** the `scale` in which the Jacobian's columns are orthonormal; the `factor` by which variances exceed
+    those of the noise given.
     """
-    low, high = (np.asarray(end, float) for end in bounds)
-    # What runs away is held there: its effect has died out long before.
-    near, far = np.maximum(low, optimum.at - reach), np.minimum(high, optimum.at + reach)
-    sizes = standard_errors(optimum, threshold, reach)[0]
-    searches: dict[Which, PointRequests] = {}
-    thresholds = np.broadcast_to(threshold, optimum.at.shape)
-    for index, side in which:
-        excess = float(thresholds[index])
-        aim = Aim(index, side, optimum.chi2 + excess, near, far, sizes)
-        bound = float((high if side > 0 else low)[index])
-        searches[index, side] = EndSearch(optimum, aim, bound, reach, excess, shared).run()
-    ends: dict[Which, End] = {}
-    requested = {name: next(search) for name, search in searches.items()}
-    while requested:
-        found = dict(zip(requested, linearise_all(evaluate, list(requested.values()), executor), strict=True))
-        shared.learn(list(found.values()))
-        requested = {}
-        for name, point in found.items():
-            try:
-                requested[name] = searches[name].send(point)
-            except StopIteration as stop:
-                ends[name] = stop.value
-        report(len(ends))
-    return [ends[name] for name in which]
+
+    def __init__(
+        self,
+        optimum: Linearisation,
+        probes: Sequence[Linearisation],
+        scale: Float[np.ndarray, "p p"],
+        factor: float = 1.0,
+    ):
+        self.optimum, self.scale, self.factor = optimum, scale, factor
+        self.at_optimum = learned_curvature(optimum, probes, scale)
+        self.points: list[Linearisation] = list(probes)
+        # Without probes some directions may have been seen by none: only what is learned on the way counts.
+        self.learns = bool(probes)
+        self.polynomial: SampledPolynomial | None = None
+        self.due = count_points(optimum.at.size)
+        """Number of linearisations, the optimum's among them, from which the polynomial is learned next."""
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a polynomial."""
+        return self.polynomial is not None
+
+    def learn(self, points: Sequence[Linearisation]) -> None:
+        """Refit the residual polynomial to further linearisations."""
+        self.points += points
+        if self.learns and len(self.points) + 1 >= self.due:
+            self.polynomial = learned_polynomial(self.optimum, self.points, self.scale, self.factor)
+            self.due = int(_GROWTH * len(self.points)) + 1
+
+    def at(self, place: Float[np.ndarray, " p"]) -> Curvature | None:
+        """The curvature at a place by the polynomial, if there is one."""
+        return None if self.polynomial is None else self.polynomial.curvature(place, self.scale)
+
+
+PointRequests = Generator[Float[np.ndarray, " p"], Linearisation, "End"]
+"""A generator that yields the next point to linearise at, is sent the linearisation, and returns the end."""
+
+MOST_EVALUATIONS = 60
+"""Evaluations for one end at most."""
+
+_GAINED = 2e-3
+"""Share of the threshold that the others may still gain at an end: so little is predicted to a tenth of it."""
+
+_MISSED = 5e-3
+"""Share of the threshold by which the profile may miss it at the last point: its slope then tells the end."""
+
+_KINKED = 2e-2
+"""Share of the threshold that may be missed and gained where chi-square has kinks: one per cent of the half width."""
+
+_TRUSTED = 0.1, 1.0
+"""Least and largest first radius of trust, in half widths of the linear interval."""
+
+_ANEW = 0.3
+"""Least radius of trust where the curvature has just been learned anew."""
+
+_OFF = 5.0
+"""Thresholds above the target that a point may lie where the shared polynomial tells the way from it."""
+
+_SMALLEST = 1e-3
+"""Radius below which chi-square does not follow its model: it has a discontinuity there."""
+
+_PATIENCE = 15
+"""Evaluations after which curvature is learned anew where the search is."""
+
+
+class Verdict(enum.StrEnum):
+    """How a search for an end ended."""
+
+    BOUNDED = "bounded"
+    """Chi-square reaches the threshold at the end given."""
+    AT_BOUND = "held by a bound"
+    """Chi-square stays below the threshold up to the parameter's bound, which is the end given."""
+    FLAT = "flat"
+    """Chi-square stays below the threshold farther than can be followed."""
+    LOWER = "several minima"
+    """A point with a smaller chi-square than the optimum's was found on the way."""
+    LOST = "not followed"
+    """Chi-square is discontinuous on the way, cannot be evaluated, or takes too many evaluations."""
+
+
+class End(NamedTuple):
+    """One end of the interval of a parameter."""
+
+    value: float
+    """The end on the fit's scale; infinite where flat, NaN where not followed."""
+    verdict: Verdict
+    point: Linearisation
+    """All parameters there, with residual and Jacobian."""
+    evaluations: int
+
+
+class EndSearch:
+    """The search for the end that `aim` says, from the `optimum`."""
+
+    def __init__(
+        self, optimum: Linearisation, aim: Aim, bound: float, reach: float, threshold: float, shared: SharedCurvature
+    ):
+        self.optimum, self.aim, self.bound, self.reach, self.threshold = optimum, aim, bound, reach, threshold
+        self.shared, self.local = shared, shared.at_optimum
+        self.alone = False
+        self.evaluations, self.learned_at = 0, 0
+        self.learned_for: Linearisation | None = None
+        self.nearest = np.inf, optimum
+
+    def run(self) -> PointRequests:
+        """Follow the models' ends until they stay where they are."""
+        point, model = self.optimum, self._model(self.optimum)
+        radius = self._first_radius(model)
+        while self.evaluations < MOST_EVALUATIONS:
+            step = follow(model, self.aim.shifted(point.at, radius))
+            found, length = (yield from self._linearised(point.at + step)), self._length(step)
+            predicted = float(np.sum(model(step)[0] ** 2))
+            missed = abs(found.chi2 - predicted) / (abs(predicted - point.chi2) + self.threshold)
+            # Off the valley by little: the next step comes back to it.
+            off = (found.chi2 - max(point.chi2, self.aim.target)) / self.threshold
+            if (missed < 0.5 and off < 1.0) or (off < _OFF and self.shared.known and not self.alone):
+                radius *= 3.0 if missed < 0.1 else 1.0
+                if self.alone or not self.shared.known:
+                    self.local = self.local.with_step(point, found)
+                point, model = found, self._model(found)
+                end = self._ended(point, model)
+                if end is not None:
+                    return end
+                impatient = self.evaluations - self.learned_at >= _PATIENCE
+                if impatient and self.nearest[0] < _KINKED and self.learned_for is not None:
+                    break
+            else:
+                radius = 0.25 * min(radius, max(length, _SMALLEST))
+                impatient = radius < _SMALLEST
+                if impatient and self.learned_for is point:
+                    break
+                if not self.shared.known and self._misled(point, step, found.chi2, predicted):
+                    self.local = learned_curvature(point, [], self.local.scale)
+                model = self._model(point)
+            if impatient:
+                yield from self._learn_anew(point)
+                radius, model = max(radius, _ANEW), self._model(point)
+        return self._given_up()
+
+    def _first_radius(self, model: SecondOrder) -> float:
+        """Radius within which the error of the model may be expected to stay below the threshold.
+
+        At a radius h residuals change by h linearly, by q h^2 as they bend and, if that goes on, by q^2 h^3 beyond.
+        """
+        along = self.shared.scale @ self.shared.scale[self.aim.index]
+        step = along * (self.aim.sizes[self.aim.index] / max(abs(along[self.aim.index]), 1e-300))
+        bend = model(step)[0] - model.straight()(step)[0]
+        q = float(np.linalg.norm(bend)) / np.sqrt(self.threshold)
+        return float(np.clip(max(q, 1e-300) ** (-2.0 / 3.0), *_TRUSTED))
+
+    def _model(self, point: Linearisation) -> SecondOrder:
+        shared = None if self.alone else self.shared.at(point.at)
+        return SecondOrder(point, self.local if shared is None else shared)
+
+    def _misled(self, point: Linearisation, step: Float[np.ndarray, " p"], found: float, predicted: float) -> bool:
+        """Whether what passes for curvature is none (a kink near the optimum does)."""
+        linear = float(np.sum((point.residual + point.jacobian @ step) ** 2))
+        return bool(np.isfinite(found) and abs(found - linear) < abs(found - predicted))
+
+    def _learn_anew(self, point: Linearisation) -> Generator[Float[np.ndarray, " p"], Linearisation, None]:
+        """The curvature at a point far from the optimum."""
+        probes: list[Linearisation] = []
+        for place in probe_places(point.at, self.aim.sizes, self.local.scale, (self.aim.low, self.aim.high)):
+            found = yield from self._linearised(place)
+            probes.append(found)
+        self.alone, self.local = True, learned_curvature(point, probes, self.local.scale)
+        self.learned_at, self.learned_for = self.evaluations, point
+
+    def _ended(self, point: Linearisation, model: SecondOrder) -> End | None:
+        """The end, where the search is over at this `point`."""
+        if point.chi2 < self.optimum.chi2 - 0.01 * self.threshold:
+            return self._end(point, Verdict.LOWER)
+        gain, slope = self._valley(point, model)
+        missed = (point.chi2 - gain - self.aim.target) / self.threshold
+        error = abs(missed) + gain / self.threshold
+        if error < self.nearest[0]:
+            self.nearest = error, point
+        if gain > _GAINED * self.threshold:
+            return None
+        if abs(missed) < _MISSED and slope * self.aim.side > 0.0:
+            return self._end(point, Verdict.BOUNDED, -missed * self.threshold / slope)
+        at = point.at[self.aim.index]
+        if missed < 0.0 and at == self.bound:
+            return self._end(point, Verdict.AT_BOUND)
+        if missed < 0.0 and abs(at - self.optimum.at[self.aim.index]) >= self.reach:
+            return self._end(point, Verdict.FLAT)
+        return None
+
+    def _valley(self, point: Linearisation, model: SecondOrder) -> tuple[float, float]:
+        """Decrease of chi-square that the other parameters allow within the bounds, and its slope there.
+
+        By the model or by a linear one, whichever says more: curvature may be wrong, where the gradient is not.
+        """
+        gains = []
+        for each in (model, model.straight()):
+            tangent = parabola(each, np.zeros(point.at.size))
+            step = best_of_others(tangent, point.at, self.aim)
+            rest = tangent.residual + tangent.jacobian @ step
+            gains.append((point.chi2 - tangent(step), 2.0 * float(tangent.jacobian[:, self.aim.index] @ rest)))
+        return max(gains)
+
+    def _given_up(self) -> End:
+        """The nearest point to an end, where chi-square has kinks that no model knows."""
+        error, point = self.nearest
+        return self._end(point, Verdict.BOUNDED if error < _KINKED else Verdict.LOST)
+
+    def _length(self, step: Float[np.ndarray, " p"]) -> float:
+        """Length of a step in the trust region's norm: the profiled parameter's part, in linear half widths."""
+        index = self.aim.index
+        return float(abs(step[index]) / self.aim.sizes[index])
+
+    def _linearised(
+        self, at: Float[np.ndarray, " p"]
+    ) -> Generator[Float[np.ndarray, " p"], Linearisation, Linearisation]:
+        self.evaluations += 1
+        return (yield np.clip(at, self.aim.low, self.aim.high))
+
+    def _end(self, point: Linearisation, verdict: Verdict, beyond: float = 0.0) -> End:
+        index = self.aim.index
+        value = float(np.clip(point.at[index] + beyond, self.aim.low[index], self.aim.high[index]))
+        if verdict == Verdict.FLAT:
+            value = self.aim.side * np.inf
+        if verdict == Verdict.LOST:
+            value = float("nan")
+        return End(value, verdict, point, self.evaluations)
+
+
+class ProfileLikelihood:
+    """Chi-square around an `optimum` between `bounds`, minimised over all parameters but one.
+
+    **Arguments:** `evaluate` gives residuals and their Jacobian; the `threshold` is the excess of chi-square at an end,
+    one for all parameters or one each; variances exceed those of the noise given by the `factor`; points are evaluated
+    side by side in the threads of the `executor`; a parameter is followed as far as `reach` on the fit's scale before
+    it counts as flat.
+    """
+
+    def __init__(
+        self,
+        evaluate: Evaluate,
+        optimum: Linearisation,
+        threshold: float | Float[np.ndarray, " p"],
+        bounds: Box,
+        factor: float = 1.0,
+        executor: Executor | None = None,
+        reach: float = REACH,
+    ):
+        self.evaluate, self.optimum, self.bounds, self.executor, self.reach = evaluate, optimum, bounds, executor, reach
+        self.thresholds = np.broadcast_to(threshold, optimum.at.shape)
+        # What runs away is held at the reach: its effect has died out long before.
+        self.low, self.high = np.maximum(bounds[0], optimum.at - reach), np.minimum(bounds[1], optimum.at + reach)
+        self.sizes, scale = standard_errors(optimum, threshold, reach)
+        probes = linearise_all(evaluate, probe_places(optimum.at, self.sizes, scale, bounds), executor)
+        self.shared = SharedCurvature(optimum, probes, scale, factor)
+        """What is known of the curvature."""
+
+    def ends(self, which: Sequence[Which], report: Callable[[int], None] = lambda done: None) -> dict[Which, End]:
+        """The ends that `which` names; `report` is called with the number of ends found so far."""
+        searches: dict[Which, PointRequests] = {}
+        for index, side in which:
+            threshold = float(self.thresholds[index])
+            aim = Aim(index, side, self.optimum.chi2 + threshold, self.low, self.high, self.sizes)
+            bound = float(np.asarray(self.bounds[side > 0])[index])
+            search = EndSearch(self.optimum, aim, bound, self.reach, threshold, self.shared)
+            searches[index, side] = search.run()
+        found: dict[Which, End] = {}
+        requested = {name: next(search) for name, search in searches.items()}
+        while requested:
+            points = linearise_all(self.evaluate, list(requested.values()), self.executor)
+            self.shared.learn(points)
+            due, requested = list(requested), {}
+            for name, point in zip(due, points, strict=True):
+                try:
+                    requested[name] = searches[name].send(point)
+                except StopIteration as stop:
+                    found[name] = stop.value
+            report(len(found))
+        return {name: found[name] for name in which}

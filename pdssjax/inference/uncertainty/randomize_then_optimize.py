@@ -73,14 +73,16 @@ class Widths(NamedTuple):
 class Proposals(NamedTuple):
     """Draws from q, and how probable each is there and by the polynomial."""
 
-    free: Float[np.ndarray, "draws p"]
+    free: Float[np.ndarray, "*draws p"]
     """Parameters on the scale of the fit."""
-    randomized: Float[np.ndarray, "draws q"]
+    randomized: Float[np.ndarray, "*draws q"]
     """The polynomial's Q' r there."""
-    log_proposed: Float[np.ndarray, " draws"]
+    log_proposed: Float[np.ndarray, "*draws"]
     """log q, but for a constant."""
-    log_learned: Float[np.ndarray, " draws"]
+    log_learned: Float[np.ndarray, "*draws"]
     """Logarithm of the density that the polynomial stands for, but for a constant."""
+    solved: Bool[np.ndarray, "*draws"]
+    """Whether the equation has a solution."""
 
 
 class RandomizedResiduals(eqx.Module):
@@ -141,29 +143,14 @@ class Mixture(RandomizedResiduals):
     widths: Widths
 
 
-class _Solution(NamedTuple):
-    """Proposals, and whether the equation has a solution for each."""
-
-    x: Float[Array | np.ndarray, "*n p"]
-    randomized: Float[Array | np.ndarray, "*n q"]
-    log_proposed: Float[Array | np.ndarray, "*n"]
-    log_learned: Float[Array | np.ndarray, "*n"]
-    solved: Bool[Array | np.ndarray, "*n"]
-
-
-def propose(
-    mixture: Mixture,
-    bounds: Box,
-    count: int,
-    random: np.random.Generator,
-) -> Proposals:
+def propose(mixture: Mixture, bounds: Box, count: int, random: np.random.Generator) -> Proposals:
     """`count` independent draws of parameters between the `bounds`.
 
     **Raises:** `NothingToDraw` where nearly no randomized residual has a solution between the bounds.
     """
     (low, high), widths = bounds, mixture.widths
     directions = mixture.axes.shape[1]
-    found: list[_Solution] = []
+    found: list[Proposals] = []
     accepted = tried = 0
     for _ in range(_TRIALS):
         normal = random.standard_normal((_SIDE_BY_SIDE, directions))
@@ -172,12 +159,11 @@ def propose(
         with _ALONE:
             some = _proposals(mixture, targets, linear)
             some = jax.tree.map(np.asarray, some)
-        good = some.solved & np.all((some.x >= low) & (some.x <= high), axis=1)
+        good = some.solved & np.all((some.free >= low) & (some.free <= high), axis=1)
         found.append(jax.tree.map(lambda values, good=good: values[good], some))
         accepted, tried = accepted + int(np.sum(good)), tried + _SIDE_BY_SIDE
         if accepted >= count:
-            whole = _Solution(*(np.concatenate(parts)[:count] for parts in zip(*found, strict=True)))
-            return Proposals(*map(np.asarray, whole[:-1]))
+            return Proposals(*(np.concatenate(parts)[:count] for parts in zip(*found, strict=True)))
     raise NothingToDraw(
         f"posterior: found parameters between the bounds for {accepted} of {tried} randomized residuals, expected "
         f"{count}; the records say too little about them, or the optimum lies at bounds. Fix some, or give bounds."
@@ -186,19 +172,18 @@ def propose(
 
 @eqx.filter_jit
 def _proposals(
-    mixture: Mixture,
-    targets: Float[Array | np.ndarray, "n q"],
-    linear: Bool[Array | np.ndarray, " n"],
-) -> _Solution:
+    mixture: Mixture, targets: Float[Array | np.ndarray, "n q"], linear: Bool[Array | np.ndarray, " n"]
+) -> Proposals:
     """Draws for several `targets`: u, or w for those that are `linear`."""
     equation = mixture.equation()
 
-    def drawn(target: Float[Array, " q"], linear: Bool[Array, ""]) -> _Solution:
+    def drawn(target: Float[Array, " q"], linear: Bool[Array, ""]) -> Proposals:
         w, _, solved = equation.solve(target)
         w = jnp.where(linear, target, w)
         proposed, x = log_proposed(mixture, w), mixture.at(w)
         learned = -0.5 * jnp.sum(mixture.polynomial(x) ** 2) / mixture.variance
-        return _Solution(x, equation.along(w), proposed, learned, (solved | linear) & jnp.isfinite(proposed))
+        found = x, equation.along(w), proposed, learned, (solved | linear) & jnp.isfinite(proposed)
+        return Proposals(*found)  # pyright: ignore[reportArgumentType]
 
     return jax.vmap(drawn)(jnp.asarray(targets), jnp.asarray(linear))
 

@@ -1,4 +1,4 @@
-"""A model of second order of a vector of residuals, its second derivatives learned from Jacobians that are there.
+"""A model of second order of a vector of residuals, learned from Jacobians, and the ends of intervals by it.
 
     r(x + d) = r + J d + T[d, d] / 2,        (J1 - J2) = T[x1 - x2] for any two points
 
@@ -6,14 +6,19 @@ One residual's T is a symmetric matrix; all of them are learned at once, from di
 D. M. Gay and R. E. Welsch, ACM Transactions on Mathematical Software 7(3), 1981, for the sum of residuals times
 T).  Where a valley of chi-square is narrow and bent, though not its floor, this follows it many times as far as J.
 Sums of squares of the model need no samples: one triangular factor of all its columns says the same.
+
+An end of a likelihood interval is found step by step, along parabolas that touch chi-square.  With residual r, Jacobian
+J, half the Hessian H of chi-square, C = H^-1 and the target that chi-square has at an end, a parabola's own end of
+parameter i is delta0 + side sqrt((target - m) / C_ii) C e_i, where delta0 minimises it and m is its least (D. J. Venzon
+and S. H. Moolgavkar, Applied Statistics 37(1), 1988).
 """
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..least_squares import Fit
 
@@ -128,3 +133,168 @@ class SecondOrder:
         residual, jacobian = self(step)
         bent = np.tensordot(residual, self.tensor, 1)
         return jacobian.T @ jacobian + self.inverse.T @ bent @ self.inverse
+
+
+Solve = Callable[[Bool[np.ndarray, " p"], Float[np.ndarray, " p"]], Float[np.ndarray, " p"]]
+"""A function from what is held, and the step that it keeps, to the step of all."""
+
+NULL = 1e-7
+"""Relative singular value of a direction in which the residual does not change."""
+
+_STEPS = 50
+"""Largest number of steps along a model of second order."""
+
+_ROOM = 2.0
+"""Room for the parameters that are not profiled, in half widths of their linear intervals."""
+
+_SMALLEST = 1e-6
+"""Length of a step, in `Aim.sizes`, from which there is no further one."""
+
+_ROOM_IN_RADII = 20.0
+"""The same in radii, where the radius is so small that not even the way back is trusted."""
+
+
+class Aim(NamedTuple):
+    """The end that is searched for, and the box to search in."""
+
+    index: int  # pyright: ignore[reportIncompatibleMethodOverride]
+    """The profiled parameter."""
+    side: float
+    """-1.0 for the lower end, 1.0 for the upper one."""
+    target: float
+    """Chi-square at the end."""
+    low: Float[np.ndarray, " p"]
+    high: Float[np.ndarray, " p"]
+    """The box in which to stay."""
+    sizes: Float[np.ndarray, " p"]
+    """Half widths of the linear intervals, in which steps are measured."""
+
+    def shifted(self, at: Float[np.ndarray, " p"], radius: float) -> "Aim":
+        """The aim as seen from `at`, the profiled parameter no farther than `radius`.
+
+        The others have room to come back into a narrow valley.
+        """
+        room = min(_ROOM, _ROOM_IN_RADII * radius) + 3.0 * radius
+        room = np.where(np.arange(at.size) == self.index, radius, room) * self.sizes
+        return self._replace(low=np.maximum(self.low - at, -room), high=np.minimum(self.high - at, room))
+
+
+class Parabola(NamedTuple):
+    """Chi-square as the squares of p residuals that are linear, and a rest."""
+
+    residual: Float[np.ndarray, " p"]
+    jacobian: Float[np.ndarray, "p p"]
+    rest: float
+
+    def __call__(self, step: Float[np.ndarray, " p"]) -> float:
+        return float(np.sum((self.residual + self.jacobian @ step) ** 2)) + self.rest
+
+
+def parabola(model: SecondOrder, step: Float[np.ndarray, " p"]) -> Parabola:
+    """The parabola that touches a model of second order at `step`; negative curvature counts as positive."""
+    residual, jacobian = model(step)
+    squares, axes = np.linalg.eigh(model.scale.T @ model.hessian(step) @ model.scale)
+    lengths = np.sqrt(np.abs(squares))
+    lengths = np.maximum(lengths, NULL * np.max(lengths, initial=1e-300))
+    reduced = axes.T @ (model.scale.T @ (jacobian.T @ residual)) / lengths
+    return Parabola(
+        reduced, lengths[:, None] * (axes.T @ model.inverse), float(residual @ residual) - float(reduced @ reduced)
+    )
+
+
+def follow(model: SecondOrder, aim: Aim) -> Float[np.ndarray, " p"]:
+    """The step from the point of a model of second order to the end that `aim` says, or as far as the box goes."""
+    at, radius = np.zeros(aim.low.size), 1.0
+    tangent, chi2 = parabola(model, at), float(np.sum(model(at)[0] ** 2))
+    threshold = max(abs(aim.target - chi2), 1e-3 * aim.target / model.factor.shape[0], 1e-12)
+    highest = max(aim.target, chi2) + threshold
+    for _ in range(_STEPS):
+        step = end_of_parabola(tangent, at, aim)
+        step = step * min(1.0, radius / max(float(np.max(np.abs(step / aim.sizes))), 1e-300))
+        length = float(np.max(np.abs(step / aim.sizes)))
+        if length < _SMALLEST:
+            break
+        found = float(np.sum(model(at + step)[0] ** 2))
+        missed = abs(found - tangent(step)) / (abs(tangent(step) - chi2) + threshold)
+        if missed < 0.5 and found < highest:
+            at = np.clip(at + step, aim.low, aim.high)
+            tangent, chi2 = parabola(model, at), found
+            radius *= 3.0 if missed < 0.1 else 1.0
+        else:
+            radius = 0.25 * min(radius, length)
+    return at
+
+
+def end_of_parabola(model: Parabola, at: Float[np.ndarray, " p"], aim: Aim) -> Float[np.ndarray, " p"]:
+    """The step from `at` to the end, within the box."""
+    return _within(at, aim, lambda held, step: _outwards(model, aim, held, step))
+
+
+def best_of_others(model: Parabola, at: Float[np.ndarray, " p"], aim: Aim) -> Float[np.ndarray, " p"]:
+    """The step of all but the profiled parameter that lowers chi-square most, within the box."""
+    profiled = np.arange(at.size) == aim.index
+    return _within(at, aim, lambda held, step: _outwards(model, aim, held | profiled, np.where(profiled, 0.0, step)))
+
+
+def lowest(
+    model: SecondOrder, at: Float[np.ndarray, " p"], step: Float[np.ndarray, " p"], aim: Aim
+) -> Float[np.ndarray, " p"]:
+    """The step at which a model of second order is least with the profiled parameter where `step` has it.
+
+    The `step` itself where no other is lower.
+    """
+    best, least = step, float(np.sum(model(step)[0] ** 2))
+    for _ in range(_STEPS):
+        more = best_of_others(parabola(model, step), at + step, aim)
+        step = step + more
+        found = float(np.sum(model(step)[0] ** 2))
+        if not found < least:
+            break
+        best, least = step, found
+        if float(np.max(np.abs(more / aim.sizes))) < _SMALLEST:
+            break
+    return best
+
+
+def _within(at: Float[np.ndarray, " p"], aim: Aim, solve: Solve) -> Float[np.ndarray, " p"]:
+    """The step of `solve`, where a parameter that would leave the box moves to its side and no further."""
+    low, high = aim.low - at, aim.high - at
+    held, step = low >= high, np.zeros(at.size)
+    for _ in range(at.size):
+        step = solve(held, step)
+        beyond = ~held & ((step < low) | (step > high))
+        if not beyond.any():
+            break
+        # The parameter itself last of all: the others first make the best of it.
+        if beyond.sum() > 1:
+            beyond[aim.index] = False
+        step, held = np.where(beyond, np.clip(step, low, high), step), held | beyond
+    return np.clip(step, low, high)
+
+
+def _outwards(
+    model: Parabola, aim: Aim, held: Bool[np.ndarray, " p"], step: Float[np.ndarray, " p"]
+) -> Float[np.ndarray, " p"]:
+    """The step to the end while those `held` keep their `step`; to the minimum if the profiled one is held itself."""
+    step = np.where(held, step, 0.0)
+    free = np.flatnonzero(~held)
+    left, singular, rows, norms = factors(model.jacobian[:, free])
+    residual = model.residual + model.jacobian @ step
+    step[free] = -rows.T @ ((left.T @ residual) / singular) / norms
+    if held[aim.index]:
+        return step
+    profiled = int(np.flatnonzero(free == aim.index)[0])
+    unit = rows[:, profiled] / singular / norms[profiled]  # e_i in the singular directions; unit' unit is C_ii
+    length = np.sqrt(max(aim.target - model(step), 0.0) / max(float(unit @ unit), 1e-300))
+    step[free] += aim.side * length * (rows.T @ (unit / singular)) / norms
+    return step
+
+
+def factors(
+    jacobian: Float[np.ndarray, "n p"],
+) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, " p"], Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+    """Singular values and vectors of columns scaled to unit norm, and the norms."""
+    norms = np.linalg.norm(jacobian, axis=0)
+    norms = np.where(norms > 0, norms, 1.0)
+    left, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
+    return left, np.maximum(singular, NULL * np.max(singular, initial=1e-300)), rows, norms

@@ -16,6 +16,6 @@ def test_dogleg_keeps_bounds_and_what_is_held():
     }
     start = np.array([3.0, 1.0, 2.0, 1.0, 4.0])
     dogleg = optimistix.Dogleg(rtol=1e-10, atol=1e-10)
-    found = minimised(dogleg, residual, start, jnp.array([1.0, 2.0, 1.0, 3.0, 1.0]), bounds, 100)
-    np.testing.assert_allclose(found.point, [1.0, 3.0, -1.0, 2.0, 4.0], atol=1e-4)
-    assert found.name == "Dogleg" and found.steps > 1
+    point, steps, ended = minimised(dogleg, residual, start, jnp.array([1.0, 2.0, 1.0, 3.0, 1.0]), bounds, 100)
+    np.testing.assert_allclose(point, [1.0, 3.0, -1.0, 2.0, 4.0], atol=1e-4)
+    assert ended.startswith("Dogleg ended (") and steps > 1

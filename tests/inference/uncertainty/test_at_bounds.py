@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from pdssjax.inference.uncertainty.at_bounds import AtBounds, at_bounds
-from pdssjax.inference.uncertainty.posterior_model import principal_axes
+from pdssjax.inference.uncertainty.posterior import principal_axes
 from pdssjax.inference.uncertainty.second_order import Linearisation
 
 E = np.linspace(-6.0, 9.0, 31)

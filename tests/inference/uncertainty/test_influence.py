@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdssjax.inference import curvature_of, influence_of, principal_directions
-from pdssjax.inference.uncertainty.two_steps import TwoSteps
+from pdssjax.inference.uncertainty.influence import TwoSteps
 
 RANDOM = np.random.default_rng(2)
 DESIGN = RANDOM.normal(size=(50, 4)) * np.array([1e-6, 1.0, 3e3, 1e8])

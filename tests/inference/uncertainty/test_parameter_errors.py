@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from pdssjax.inference import Evidence, least_squares_covariance
+from pdssjax.inference import Evidence, all_error_models, least_squares_covariance, with_error_models
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
-from pdssjax.inference.uncertainty import parameter_errors
-from pdssjax.inference.uncertainty.parameter_errors import all_error_models, fitted_point, with_error_models
+from pdssjax.inference.uncertainty import influence
+from pdssjax.inference.uncertainty.influence import FittedPoint
 
 RANDOM = np.random.default_rng(9)
 PATHS = ("piezo.gain", "piezo.damping_ratio", "friction.sigma0", "friction.sigma1", "friction.f_ss")
@@ -88,7 +88,7 @@ def asked(monkeypatch):
         asked.append(free)
         return SimpleNamespace(state=SimpleNamespace(jacobian=problem.jacobian))
 
-    monkeypatch.setattr(parameter_errors, "evaluated", evaluated)
+    monkeypatch.setattr(influence, "evaluated", evaluated)
     return asked
 
 
@@ -130,7 +130,7 @@ def test_a_parameter_at_its_bound_is_held_for_all_models():
 def test_parameters_known_only_in_combination_leave_the_others_alone():
     problem, fit = linear()
     fit.state.jacobian[:, 4] = 2.0 * fit.state.jacobian[:, 3]
-    point = fitted_point("joint", Evidence(problem, fit))
+    point = FittedPoint("joint", Evidence(problem, fit))
     assert point.known.tolist() == [True, True, True, False, False]
     whole = found(problem, fit)
     used = fit.state.jacobian[:, :4]
@@ -158,9 +158,8 @@ def test_of_a_fit_that_did_not_converge_no_error_is_advised_without_a_word():
 
 def test_a_linear_model_has_the_same_errors_with_second_derivatives():
     problem, fit = linear(misfit=4.0)
-    point = fitted_point("joint", Evidence(problem, fit))
-    flat = parameter_errors._curvatures(point, lambda message: None)
-    assert not np.any(flat)
+    point = FittedPoint("joint", Evidence(problem, fit))
+    assert not np.any(point.curvatures(lambda message: None))
 
 
 def test_a_sequential_fit_has_the_errors_of_its_two_steps():

@@ -20,8 +20,8 @@ from pdssjax.inference.uncertainty.drawn_intervals import (
     about_tails,
     summary_of_chains,
 )
-from pdssjax.inference.uncertainty.end_search import End, Verdict
-from pdssjax.inference.uncertainty.posterior_model import LikelihoodEnd, posterior_model
+from pdssjax.inference.uncertainty.posterior import posterior_model
+from pdssjax.inference.uncertainty.profile_likelihood import SIDES, End, Verdict
 from pdssjax.inference.uncertainty.second_order import Linearisation
 from pdssjax.metrics import effective_size, rhat
 
@@ -205,8 +205,8 @@ def test_an_independence_chain_begins_where_the_posterior_is():
 
 def test_a_tail_that_draws_do_not_reach_is_said():
     optimum = Linearisation(np.zeros(1), np.zeros(1), np.zeros((1, 1)))
-    end = lambda side, verdict: LikelihoodEnd(0, side, End(side * 2.4, verdict, optimum, 1))
-    ends = [end(side, Verdict.BOUNDED) for side in (-1.0, 1.0)]
+    end = lambda side, verdict: {(0, side): End(side * 2.4, verdict, optimum, 1)}
+    ends = end(-1.0, Verdict.BOUNDED) | end(1.0, Verdict.BOUNDED)
     whole = np.random.default_rng(1).standard_normal((4, 1000, 1))
     told = lambda draws, ends: about_tails(summary_of_chains(("x",), draws, np.array([True])), draws, ends)
     assert told(whole, ends) == []
@@ -218,31 +218,26 @@ def test_a_tail_that_draws_do_not_reach_is_said():
     assert " likelihood ends: x above. " in note and "--intervals profile" in note
     # Too few draws to tell, and an end that is none.
     assert told(cut[:, :100], ends) == []
-    assert told(cut, [ends[0], end(1.0, Verdict.FLAT)]) == []
+    assert told(cut, ends | end(1.0, Verdict.FLAT)) == []
 
 
 def test_a_likelihood_without_an_end_is_said_where_the_values_have_none():
     optimum = Linearisation(np.zeros(2), np.zeros(1), np.zeros((1, 2)))
-    flat = [
-        LikelihoodEnd(i, side, End(side * np.inf, Verdict.FLAT, optimum, 1)) for i in (0, 1) for side in (-1.0, 1.0)
-    ]
+    flat = {(i, side): End(side * np.inf, Verdict.FLAT, optimum, 1) for i in (0, 1) for side in SIDES}
     told = lambda *logarithmic: about_endless(("x", "y"), flat, np.array(logarithmic))
     assert told(False, False)[0].startswith("The likelihood has no end: x below, x above, y below, y above. Draws go")
     assert "no end: x above, y above. " in told(True, True)[0]  # zero is an end of a value
-    assert about_endless(("x", "y"), [], np.array([False, False])) == []
+    assert about_endless(("x", "y"), {}, np.array([False, False])) == []
 
 
 def test_a_better_optimum_that_was_met_is_said():
     point = lambda at, residual: Linearisation(np.array(at), np.array([residual]), np.zeros((1, 2)))
-    end = lambda place, verdict, *there: LikelihoodEnd(place, 1.0, End(1.0, verdict, point(*there), 1))
-    ends = [
-        end(0, Verdict.LOWER, [1.0, 2.0], 3.0),
-        end(1, Verdict.LOWER, [4.0, 5.0], 2.0),
-        end(1, Verdict.BOUNDED, [0.0, 0.0], 1.0),
-    ]
-    (note,) = about_better_optima(("x", "y"), ends, lambda at: 10.0 * at)
+    end = lambda verdict, *there: End(1.0, verdict, point(*there), 1)
+    bounded = {(1, -1.0): end(Verdict.BOUNDED, [0.0, 0.0], 1.0)}
+    lower = {(0, 1.0): end(Verdict.LOWER, [1.0, 2.0], 3.0), (1, 1.0): end(Verdict.LOWER, [4.0, 5.0], 2.0)}
+    (note,) = about_better_optima(("x", "y"), lower | bounded, lambda at: 10.0 * at)
     assert "a better optimum was found (chi-square 4): start the fit from y = 50 in SI." in note
-    assert about_better_optima(("x", "y"), ends[2:], lambda at: at) == []
+    assert about_better_optima(("x", "y"), bounded, lambda at: at) == []
 
 
 TIMES = jnp.linspace(0.1, 3.0, 12)

@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pdssjax.inference.uncertainty.at_bounds import at_bounds
-from pdssjax.inference.uncertainty.posterior_learning import solved_further
-from pdssjax.inference.uncertainty.posterior_model import Model, principal_axes
+from pdssjax.inference.uncertainty.posterior import Model, principal_axes, solved_further
 from pdssjax.inference.uncertainty.randomize_then_optimize import Proposals, tangents
 from pdssjax.inference.uncertainty.residual_polynomial import of_second_order
 from pdssjax.inference.uncertainty.second_order import Curvature, Linearisation
@@ -40,7 +39,7 @@ def model(low=-np.inf):
     straight = of_second_order(optimum, Curvature(np.zeros((4, 2, 2)), np.eye(2)), axes)
     bounds = np.array([low, -np.inf]), np.full(2, np.inf)
     held = at_bounds(optimum, axes, np.arange(2), bounds, 1.0, np.zeros(2))
-    return Model(evaluate, residuals, optimum, axes, held, bounds, np.zeros(2, bool), 1.0, straight, ())
+    return Model(evaluate, residuals, optimum, axes, held, bounds, np.zeros(2, bool), 1.0, straight, {})
 
 
 def proposed(free, first_two=None):
@@ -48,7 +47,7 @@ def proposed(free, first_two=None):
     free, of = np.array(free), model()
     basis = np.asarray(tangents(of.optimum.jacobian @ of.axes))
     randomized = (free * [1.0, 500.0] if first_two is None else np.array(first_two)) @ basis[:2]
-    return Proposals(free, randomized, np.zeros(len(free)), np.zeros(len(free)))
+    return Proposals(free, randomized, np.zeros(len(free)), np.zeros(len(free)), np.ones(len(free), bool))
 
 
 def found(of, draws):

@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, least_squares, minimize
 
-from pdssjax.inference.uncertainty.end_search import End, SharedCurvature, Verdict, standard_errors
-from pdssjax.inference.uncertainty.profile_curve import Curve, profile_curve
-from pdssjax.inference.uncertainty.profile_intervals import verdict_of
-from pdssjax.inference.uncertainty.profile_likelihood import interval_ends, learn_curvature, linearise
+from pdssjax.inference.uncertainty.profile_intervals import Curve, profile_curve, verdict_of
+from pdssjax.inference.uncertainty.profile_likelihood import (
+    End,
+    ProfileLikelihood,
+    SharedCurvature,
+    Verdict,
+    linearise,
+    standard_errors,
+)
 
 THRESHOLD = 3.841458820694124
 RANDOM = np.random.default_rng(5)
@@ -43,21 +48,23 @@ def optimum_of(residual, start):
     return least_squares(real, start, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
 
 
-def unknown(optimum, threshold=THRESHOLD, reach=7.0):
-    """Of how residuals bend: nothing."""
-    return SharedCurvature(optimum, [], standard_errors(optimum, threshold, reach)[1])
+def likelihood(evaluate, optimum, box=FREE, reach=7.0, curvature=None):
+    """The likelihood around an optimum; nothing is known of how residuals bend unless a curvature is given."""
+    found = ProfileLikelihood(evaluate, optimum, THRESHOLD, box, reach=reach)
+    unknown = SharedCurvature(optimum, [], standard_errors(optimum, THRESHOLD, reach)[1])
+    found.shared = unknown if curvature is None else curvature
+    return found
 
 
-def interval_end(evaluate, optimum, index, side, threshold, box, reach=7.0, curvature=None):
-    """One end alone, with nothing known but the optimum unless a curvature is given."""
-    curvature = unknown(optimum, threshold, reach) if curvature is None else curvature
-    return interval_ends(evaluate, optimum, [(index, side)], threshold, box, curvature, reach)[0]
+def interval_end(evaluate, optimum, index, side, box=FREE, reach=7.0, curvature=None):
+    """One end alone."""
+    return likelihood(evaluate, optimum, box, reach, curvature).ends([(index, side)])[index, side]
 
 
 def end_of(residual, optimum, index, side, reach=7.0, curvature=None):
     """Where nothing is bounded."""
     evaluate = of(residual)
-    return interval_end(evaluate, linearise(evaluate, optimum), index, side, THRESHOLD, FREE, reach, curvature)
+    return interval_end(evaluate, linearise(evaluate, optimum), index, side, FREE, reach, curvature)
 
 
 X = np.linspace(0.0, 2.0, 40)
@@ -71,9 +78,7 @@ def test_of_a_linear_model_they_are_the_textbook_s(index, side):
     evaluate = of(lambda at: LINE @ at - NOISE)
     optimum = np.linalg.lstsq(LINE, NOISE, rcond=None)[0]
     error = np.sqrt(np.linalg.inv(LINE.T @ LINE)[index, index] * THRESHOLD)
-    end = interval_end(
-        evaluate, linearise(evaluate, optimum), index, side, THRESHOLD, (np.full(3, -50.0), np.full(3, 50.0))
-    )
+    end = interval_end(evaluate, linearise(evaluate, optimum), index, side, (np.full(3, -50.0), np.full(3, 50.0)))
     assert end.verdict == Verdict.BOUNDED
     assert end.value == pytest.approx(optimum[index] + side * error, abs=1e-6 * error)
     assert end.evaluations <= 5
@@ -111,7 +116,7 @@ CURVED = [
 def curvature_of(residual, optimum):
     """What the searches of all its ends share."""
     evaluate = of(residual)
-    return learn_curvature(evaluate, linearise(evaluate, optimum), THRESHOLD, FREE)
+    return ProfileLikelihood(evaluate, linearise(evaluate, optimum), THRESHOLD, FREE).shared
 
 
 @pytest.mark.parametrize("residual, start, reach, index, side", CURVED)
@@ -138,10 +143,9 @@ def test_curvature_at_the_optimum_serves_every_end_of_a_narrow_valley():
     evaluate = of(bent)
     optimum = linearise(evaluate, optimum_of(bent, np.zeros(5)))
     box = np.full(5, -50.0), np.full(5, 50.0)
-    curvature = learn_curvature(evaluate, optimum, THRESHOLD, box)
     both = [(index, side) for index in range(5) for side in (-1.0, 1.0)]
-    ends = interval_ends(evaluate, optimum, both, THRESHOLD, box, curvature)
-    alone = [interval_end(evaluate, optimum, *which, THRESHOLD, box) for which in both]
+    ends = list(ProfileLikelihood(evaluate, optimum, THRESHOLD, box).ends(both).values())
+    alone = [interval_end(evaluate, optimum, *which, box) for which in both]
     assert 5 + sum(end.evaluations for end in ends) <= 30 < 34 < sum(end.evaluations for end in alone)
     for which, end, other in zip(both, ends, alone, strict=True):
         error = abs(end.value - optimum.at[which[0]]) / np.sqrt(THRESHOLD)
@@ -165,9 +169,9 @@ def test_kinks_and_small_jumps_on_the_way_cost_precision_but_no_end():
     best = least_squares(lambda at: np.real(kinked(at + 0j)), optimum.at, method="trf", x_scale="jac")
     optimum = linearise(evaluate, best.x)
     box = np.full(5, -50.0), np.full(5, 50.0)
-    curvature = learn_curvature(evaluate, optimum, THRESHOLD, box)
+    curvature = ProfileLikelihood(evaluate, optimum, THRESHOLD, box).shared
     for index in range(5):
-        end = interval_end(evaluate, optimum, index, 1.0, THRESHOLD, box, 7.0, curvature)
+        end = interval_end(evaluate, optimum, index, 1.0, box, 7.0, curvature)
         assert end.verdict == Verdict.BOUNDED
         assert end.point.chi2 == pytest.approx(optimum.chi2 + THRESHOLD, abs=0.01 * THRESHOLD)
         others = np.delete(end.point.at, index)
@@ -183,7 +187,8 @@ def test_the_curve_between_the_ends_is_that_of_brute_force(residual, start, reac
     curvature = curvature_of(residual, optimum)
     ends = tuple(end_of(residual, optimum, index, side, reach, curvature) for side in (-1.0, 1.0))
     evaluate = of(residual)
-    curve = profile_curve(evaluate, linearise(evaluate, optimum), index, ends, THRESHOLD, FREE, curvature, reach)
+    around = likelihood(evaluate, linearise(evaluate, optimum), FREE, reach, curvature)
+    curve = profile_curve(around, index, ends)
     assert curve.value.size == 25
     assert curve.computed.sum() in (5, 7, 9)
     assert np.all(np.diff(curve.value) > 0.0)
@@ -218,7 +223,7 @@ def test_one_side_may_be_flat():
     assert high.value == np.inf
     evaluate = of(saturating)
     best = linearise(evaluate, optimum)
-    curve = profile_curve(evaluate, best, 0, (low, high), THRESHOLD, FREE, unknown(best))
+    curve = profile_curve(likelihood(evaluate, best), 0, (low, high))
     assert verdict_of((low, high), curve) == "one-sided: only a lower end"
     assert curve.excess[-1] < 0.01 * THRESHOLD
 
@@ -229,11 +234,11 @@ def test_a_bound_holds_and_the_others_make_the_best_of_theirs():
     error = np.sqrt(np.linalg.inv(LINE.T @ LINE)[1, 1])
     low, high = np.full(3, -50.0), np.full(3, 50.0)
     high[1] = optimum[1] + 0.5 * error
-    end = interval_end(evaluate, linearise(evaluate, optimum), 1, 1.0, THRESHOLD, (low, high))
+    end = interval_end(evaluate, linearise(evaluate, optimum), 1, 1.0, (low, high))
     assert (end.verdict, end.value) == (Verdict.AT_BOUND, high[1])
     # With the offset held where it is, the slope's interval is that of a line through it.
     high[1], low[0], high[0] = 50.0, optimum[0], optimum[0]
-    end = interval_end(evaluate, linearise(evaluate, optimum), 1, 1.0, THRESHOLD, (low, high))
+    end = interval_end(evaluate, linearise(evaluate, optimum), 1, 1.0, (low, high))
     rest = np.sqrt(np.linalg.inv(LINE[:, 1:].T @ LINE[:, 1:])[0, 0] * THRESHOLD)
     assert end.value == pytest.approx(optimum[1] + rest, abs=1e-6)
 
@@ -241,9 +246,9 @@ def test_a_bound_holds_and_the_others_make_the_best_of_theirs():
 def test_a_curve_has_a_quality_where_one_side_could_be_followed():
     evaluate = of(banana)
     optimum = linearise(evaluate, optimum_of(banana, [1.0, 1.0]))
-    bounded = interval_end(evaluate, optimum, 0, 1.0, THRESHOLD, FREE, 40.0)
+    bounded = interval_end(evaluate, optimum, 0, 1.0, FREE, 40.0)
     unfollowed = bounded._replace(point=optimum)
-    curve = lambda *ends: profile_curve(evaluate, optimum, 0, ends, THRESHOLD, FREE, unknown(optimum), 40.0)
+    curve = lambda *ends: profile_curve(likelihood(evaluate, optimum, FREE, 40.0), 0, ends)
     assert 0.5 < curve(unfollowed, bounded).quality <= 1.0
     assert np.isnan(curve(unfollowed, unfollowed).quality)
 
@@ -284,6 +289,6 @@ def test_two_valleys_are_seen_on_the_curve():
     best = linearise(evaluate, optimum)
     far = End(4.0, Verdict.BOUNDED, linearise(evaluate, np.array([4.0, 0.0])), 0)
     near = end_of(waves, optimum, 0, -1.0)
-    curve = profile_curve(evaluate, best, 0, (near, far), THRESHOLD, FREE, unknown(best))
+    curve = profile_curve(likelihood(evaluate, best), 0, (near, far))
     assert curve.falls > 0.2 and curve.missed > 0.2
     assert verdict_of((near, far), curve).startswith("several minima")

@@ -60,7 +60,7 @@ def matern(distance: Float[np.ndarray, "..."], length: float) -> Float[np.ndarra
 
 
 def distances(phases: Float[np.ndarray, " phases"], periodic: bool) -> Float[np.ndarray, "phases phases"]:
-    """Between all phases, as shares of a cycle; around it by the chord, which keeps a kernel positive definite."""
+    """Distances between all phases, in cycles; around one by the chord, which keeps a kernel positive definite."""
     apart = np.abs(phases[:, None] - phases[None, :])
     return np.abs(np.sin(np.pi * apart)) / np.pi if periodic else apart
 
@@ -106,7 +106,7 @@ def phase_process(
 
 
 def _weight(evidence: float) -> float:
-    """Akaike's, of two models: a misfit that is hardly seen counts for little, however far it would move parameters."""
+    """Akaike's weight of two models: a misfit that is hardly seen counts for little, however large its effect."""
     return float(1.0 / (1.0 + np.exp(-0.5 * max(evidence, -1e3))))
 
 
@@ -128,7 +128,7 @@ def restricted_likelihood(
 
 
 def _basis(slopes: Float[np.ndarray, "phases p"]) -> Float[np.ndarray, "phases q"]:
-    """Orthonormal: what the parameters and the zero can do to the mean residuals."""
+    """An orthonormal basis of what the parameters and the zero can do to the mean residuals."""
     columns = np.column_stack([slopes, np.ones(slopes.shape[0])])
     norms = np.linalg.norm(columns, axis=0)
     left, singular, _ = np.linalg.svd(columns[:, norms > 0] / norms[norms > 0], full_matrices=False)
