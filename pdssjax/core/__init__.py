@@ -52,7 +52,6 @@ if TYPE_CHECKING:
     )
     from .kept_programs import (
         KeptFunction as KeptFunction,
-        Lowered as Lowered,
         forget_programs as forget_programs,
         keep_programs_in as keep_programs_in,
         kept_jit as kept_jit,

@@ -20,7 +20,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, ParamSpec, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -97,14 +97,6 @@ def forget_programs() -> None:
         function.forget()
 
 
-class Lowered(Protocol):
-    """A function that has been traced."""
-
-    def compile(self) -> object:
-        """Compile the function for all later calls."""
-        ...
-
-
 class Program(NamedTuple):
     """An executable, and what its outputs are leaves of."""
 
@@ -134,14 +126,6 @@ class KeptFunction(Generic[P, R]):
         if call is None:
             return self._jitted(*args, **kwargs)
         return self._slot(call).program(call)(call.arrays)
-
-    def prepared(self, *args: P.args, **kwargs: P.kwargs) -> Lowered:
-        """The function for arguments like these, traced unless it is kept; its `compile` may go on in a thread."""
-        call = None if kwargs or not _can_be_kept() else self._call_of(args)
-        if call is None:
-            return self._jitted.lower(*args, **kwargs)  # pyright: ignore[reportFunctionMemberAccess]
-        slot = self._slot(call)
-        return Prepared(slot, slot.lowered(call))
 
     def forget(self) -> None:
         """Drop its executables."""
@@ -224,17 +208,6 @@ class _Call(NamedTuple):
         return _homes[0].folder / f"program-{hashlib.sha256(name.getvalue()).hexdigest()[:40]}"
 
 
-class Prepared(NamedTuple):
-    """A function that has been traced, or whose executable is kept."""
-
-    slot: "_Slot"
-    lowered: "Callable[[], Program]"
-
-    def compile(self) -> object:
-        """Compiles it, for all that call it afterwards."""
-        return self.slot.filled(self.lowered)
-
-
 class _Slot:
     """Room for one executable, which one thread makes."""
 
@@ -244,45 +217,32 @@ class _Slot:
 
     def program(self, call: _Call) -> Program:
         """The executable, from disk, or compiled and kept there."""
-        return self._program or self.filled(self.lowered(call))
-
-    def lowered(self, call: _Call) -> Callable[[], Program]:
-        """What makes the executable, after tracing where that must be done."""
-        if self._program is not None:
-            return lambda: self._program  # pyright: ignore[reportReturnType]
-        file = call.file()
-        if file is not None and (kept := _loaded(file)) is not None:
-            return lambda: kept
-        outputs: list[Any] = []
-
-        def flat(*arrays: Any) -> list[Any]:
-            found, tree = jax.tree.flatten(call.function(*call.args(arrays)))
-            outputs[:] = [tree]
-            return found
-
-        # Under the same key in JAX's own cache: what is read from there cannot be kept, since kernels would be missing,
-        # and after a change of our sources, or for a study of another title, the same code would be traced for ever.
-        flat.__name__ = call.function.__name__ + ("" if file is None else f"_{file.name[-12:]}")
-        began = time.perf_counter()
-        lowered = jax.jit(flat, keep_unused=True).lower(*call.arrays)
-
-        def compiled() -> Program:
-            hits = _cache_hits()
-            program = Program(lowered.compile(), outputs[0])
-            took = time.perf_counter() - began
-            fresh = _cache_hits() == hits
-            if file is not None and fresh and took >= jax.config.jax_persistent_cache_min_compile_time_secs:  # pyright: ignore[reportAttributeAccessIssue]
-                _keep(program, file)
-            return program
-
-        return compiled
-
-    def filled(self, make: Callable[[], Program]) -> Program:
-        """The executable, by `make` unless another thread has made it."""
         with self._lock:
             if self._program is None:
-                self._program = make()
+                file = call.file()
+                kept = None if file is None else _loaded(file)
+                self._program = _compiled(call, file) if kept is None else kept
             return self._program
+
+
+def _compiled(call: _Call, file: Path | None) -> Program:
+    """The executable, compiled, and kept in a `file` where it has one and took long enough."""
+    outputs: list[Any] = []
+
+    def flat(*arrays: Any) -> list[Any]:
+        found, tree = jax.tree.flatten(call.function(*call.args(arrays)))
+        outputs[:] = [tree]
+        return found
+
+    # Under the same key in JAX's own cache: what is read from there cannot be kept, since kernels would be missing,
+    # and after a change of our sources, or for a study of another title, the same code would be traced for ever.
+    flat.__name__ = call.function.__name__ + ("" if file is None else f"_{file.name[-12:]}")
+    began, hits = time.perf_counter(), _cache_hits()
+    program = Program(jax.jit(flat, keep_unused=True).lower(*call.arrays).compile(), outputs[0])
+    took, fresh = time.perf_counter() - began, _cache_hits() == hits
+    if file is not None and fresh and took >= jax.config.jax_persistent_cache_min_compile_time_secs:  # pyright: ignore[reportAttributeAccessIssue]
+        _keep(program, file)
+    return program
 
 
 class _Names(pickle.Pickler):

@@ -1,6 +1,5 @@
 """Executables on disk: the same numbers without tracing again, for what has a name, and never in place of another."""
 
-import dataclasses
 import os
 import zlib
 from typing import NamedTuple
@@ -137,12 +136,6 @@ def test_within_a_trace_it_is_compiled_with_what_calls_it(folder):
     slope = jax.jit(jax.grad(lambda x: function(None, x * NUMBERS, 1.0).twice.sum()))(1.0)
     assert slope == pytest.approx(2.0 * NUMBERS.sum())
     assert not list(folder.iterdir())
-
-
-def test_prepared_ahead(folder, choice):
-    function.prepared(dataclasses.replace(Coulomb()), NUMBERS, choice).compile()
-    function(Coulomb(), NUMBERS, choice)
-    assert len(TRACED) == 1
 
 
 @kept_jit
