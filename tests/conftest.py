@@ -6,9 +6,11 @@ Jacobian take 21 CPU seconds at LLVM's first level, 17 at none, and 15 where no 
 
 import ctypes
 import gc
+import math
 import os
 import resource
 import sys
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -49,10 +51,23 @@ def pytest_runtest_setup():
     keep_programs_in(None, "")
 
 
+MUCH = 0.9
+"""Memory of a worker [GB] from which on what was compiled is dropped."""
+
+
+def memory():
+    """What the process has now [GB]; infinite where that is not known."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return math.inf
+    return 1e-9 * pages * os.sysconf("SC_PAGE_SIZE")
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item, nextitem):
-    """Drop what a file compiled at its end: files share little, and it adds up to gigabytes."""
-    if nextitem is None or nextitem.path != item.path:
+    """Drop what was compiled at the end of a file, once it is much: it adds up to gigabytes."""
+    if nextitem is not None and nextitem.path != item.path and memory() > MUCH:
         jax.clear_caches()
         eqx.clear_caches()
         forget_programs()

@@ -143,7 +143,7 @@ class AbstractDrive(AbstractModel):
 
     @classmethod
     def examples(cls) -> tuple[Self, ...]:
-        """Waveforms of this kind that differ in more than their numbers; `tests/contracts` checks each of them."""
+        """Waveforms of this kind that differ in more than their numbers; `tests/drive` checks each of them."""
         return (cls(),)
 
     def declared(self) -> dict[str, Quantity]:

@@ -1,7 +1,5 @@
 """A contract that every member of every family keeps, and the physics of those that are there."""
 
-import itertools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,7 +12,6 @@ from sliding import slid
 from pdssjax import AbstractDrive, AbstractFriction, AbstractPiezo
 from pdssjax.core import member, members, quantities
 from pdssjax.drive.base import Segment, Wave
-from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.friction.bristle import Bristle
 from pdssjax.friction.lugre import LuGre
@@ -23,7 +20,6 @@ from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 INTERFACES = {"drive": AbstractDrive, "piezo": AbstractPiezo, "friction": AbstractFriction}
 EVERYONE = [(family, name) for family in INTERFACES for name in members(family)]
 
-DRIVES = [drive for name in members("drive") for drive in member("drive", name).examples()]
 PIEZOS = [member("piezo", name)() for name in members("piezo")]
 LAWS = [member("friction", name)() for name in members("friction")] + [AnisotropicLuGre(state="force")]
 SIGNS = (1.0, -1.0)
@@ -46,43 +42,6 @@ def test_members_are_pytrees_with_nominal_values_and_units(family, name):
 def test_what_is_no_member_is_not_found(name):
     with pytest.raises(KeyError):
         member("drive", name)
-
-
-def corners(drive: AbstractDrive, count: int) -> list[tuple[float, Segment]]:
-    """The first segments of a drive, each with the time at which it begins."""
-    segments = [drive.segment(jnp.asarray(k)) for k in range(count)]
-    return list(zip(itertools.accumulate((float(s.duration) for s in segments), initial=0.0), segments, strict=False))
-
-
-@pytest.mark.parametrize("drive", DRIVES, ids=str)
-def test_segments_of_a_drive_join_up_to_its_voltage(drive):
-    assert drive.at(jnp.asarray([-1.0, -1e-9])) == pytest.approx(0.0)
-    for begin, segment in corners(drive, 9):
-        if not np.isfinite(begin) or segment.duration == 0.0:
-            continue
-        elapsed = np.linspace(0.01, 0.99, 7) * min(float(segment.duration), 1.0)
-        expected = [float(segment.voltage(t).level) for t in elapsed]
-        np.testing.assert_allclose(drive.at(jnp.asarray(begin + elapsed)), expected, rtol=0.0, atol=1e-9)
-
-
-def test_a_forward_sawtooth_rises_over_its_whole_first_cycle_then_falls_and_rises():
-    drive = Sawtooth(30.0, 20.0, 1e-3, "forward")
-    times = jnp.asarray([0.0, 0.025, 0.05 - 1e-9, 0.0505, 0.051, 0.0755, 0.1 - 1e-9])
-    np.testing.assert_allclose(drive.at(times), [0.0, 15.0, 30.0, 15.0, 0.0, 15.0, 30.0], atol=1e-4)
-
-
-def test_a_backward_sawtooth_jumps_up_in_every_cycle_then_falls():
-    drive = Sawtooth(30.0, 20.0, 1e-3, "backward")
-    times = jnp.asarray([0.0, 0.0005, 0.001, 0.0255, 0.05 - 1e-9, 0.0505])
-    np.testing.assert_allclose(drive.at(times), [0.0, 15.0, 30.0, 15.0, 0.0, 15.0], atol=1e-4)
-
-
-@pytest.mark.parametrize("direction", ["forward", "backward"])
-def test_the_fall_time_can_be_differentiated_at_zero(direction):
-    lengths = [Sawtooth(direction=direction).segment(jnp.asarray(k)).duration for k in (2, 3)]
-    slopes = [jax.grad(lambda tf, k=k: Sawtooth(64.2, 5.0, tf, direction).segment(k).duration)(0.0) for k in (2, 3)]
-    assert [float(x) for x in lengths] == pytest.approx([0.0, 0.2])
-    assert [float(x) for x in slopes] == pytest.approx([1.0, -1.0])
 
 
 def moved(piezo: AbstractPiezo, segment: Segment, after: float, elapsed: float, begin) -> np.ndarray:

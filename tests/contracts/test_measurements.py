@@ -82,8 +82,8 @@ def test_what_is_told_before_a_fit_has_a_number_for_every_sample_or_is_not_told(
 
 
 def dear(measurement):
-    """Slow where `tests/integration/test_sensitivities.py` judges the motion of the same system."""
-    marks = pytest.mark.slow if measurement.effector_free else ()
+    """Slow where `tests/integration/test_sensitivities.py` judges the motion of the same system, or a walk is held."""
+    marks = pytest.mark.slow if measurement.driven and not measurement.platform_alone else ()
     return pytest.param(measurement, marks=marks, id=measured_study.label(measurement))
 
 

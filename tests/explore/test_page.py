@@ -184,6 +184,7 @@ def test_a_point_of_the_map_is_clicked_and_walks(page):
     shows(number, "11")
 
 
+@pytest.mark.slow  # by default `test_page_parts` presses the buttons
 def test_a_fit_is_cancelled_and_the_page_goes_on(page):
     show_tab(page, "Record")
     page.locator(".fit button").click()

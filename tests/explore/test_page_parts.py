@@ -144,9 +144,8 @@ class Working(AtOnce):
         return SimpleNamespace(runs=False)
 
 
-def test_a_fit_that_ends_moves_the_sliders_to_its_estimate(tmp_path, monkeypatch):
-    study = load_study(write_walking(tmp_path))
-    bench, estimate = Workbench(study, settings_of(study)), fabricated.estimate()
+def test_a_fit_that_ends_moves_the_sliders_to_its_estimate(bench, monkeypatch):
+    estimate = fabricated.estimate()
     view = page.Page(bench, Working()).view
     ended = FitResult(estimate, "The fit converged in 1 s.")
     monkeypatch.setattr(control_column, "fit_from_here", lambda study, settings, report: report("fits") or ended)
@@ -156,6 +155,25 @@ def test_a_fit_that_ends_moves_the_sliders_to_its_estimate(tmp_path, monkeypatch
     assert float(field.value) == pytest.approx(1e6 * estimate.parameters["piezo.gain"].value, rel=1e-5)
     assert estimate.title in told.object
     assert not fit.disabled
+
+
+def test_a_fit_is_cancelled_and_another_can_begin(bench):
+    asked, ends, thread = [], [], AtOnce()
+
+    def start(work, on_end, on_line):
+        ends.append(on_end)
+        return SimpleNamespace(runs=True, cancel=lambda: asked.append("cancel"))
+
+    thread.start = start
+    view = page.Page(bench, thread).view
+    (fit,), (cancel,), (line,) = (marked(view, name) for name in ("fit", "cancel", "fit-said"))
+    ends.clear()
+    fit.clicks += 1
+    assert fit.disabled and not cancel.disabled
+    cancel.clicks += 1
+    assert asked == ["cancel"] and cancel.disabled and line.object.startswith("Cancelling")
+    ends[0](FitResult(None, "The fit was cancelled."), None)
+    assert (fit.disabled, cancel.disabled, line.object) == (False, True, "The fit was cancelled.")
 
 
 def table_of(estimate):

@@ -7,7 +7,6 @@ from pdssjax import InputError, load_study
 
 STEP = csv(5e-5, 40)
 MASS = '"effector.mass" = { value = "86 g" }'
-GAIN = '{ start = "0.1 um/V", min = "0.05 um/V", max = 2e-7 }'
 STEP_DRIVE = '{ waveform = "step", voltage = "48.2 V" }'
 
 # name: (text replaced in the study, its replacement, what the message must contain)

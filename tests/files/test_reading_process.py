@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import scipy.io
 from answering import numbered
+from marks import slow
 
 from pdssjax import InputError, InputWarning
 from pdssjax.files import list_channels, reading_process
@@ -22,13 +23,28 @@ from pdssjax.files.reading_process import answers
 HERE = Path(__file__)
 
 
-@pytest.fixture(autouse=True)
-def known_to_the_other_process(monkeypatch):
+@pytest.fixture(scope="module", autouse=True)
+def known_to_the_other_process():
     """The helpers of tests; a process that was started before does not know them."""
     reading_process._end_idle()
     paths = [str(HERE.parents[1] / "helpers"), os.environ.get("PYTHONPATH", "")]
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
-    yield
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(paths))
+        yield
+    reading_process._end_idle()
+
+
+@pytest.fixture
+def limited(monkeypatch):
+    """Give another process less time [s] or memory [bytes] than usual."""
+
+    def limit(**limits):
+        pytest.importorskip("resource")
+        for name, most in limits.items():
+            monkeypatch.setattr(reading_process, name, most)
+        reading_process._end_idle()
+
+    yield limit
     reading_process._end_idle()
 
 
@@ -72,11 +88,9 @@ def test_a_process_that_was_ended_meanwhile_is_replaced():
         ("much", ValueError, r"^it needs more than 0\.1 GiB of memory$"),
     ],
 )
-def test_what_ends_it_is_said_and_the_next_question_is_answered(stop, kind, said, monkeypatch):
+def test_what_ends_it_is_said_and_the_next_question_is_answered(stop, kind, said, limited):
     if stop in ("endless", "much"):
-        pytest.importorskip("resource")
-        monkeypatch.setattr(reading_process, "SECONDS", 1)
-        monkeypatch.setattr(reading_process, "MEMORY", 1 << 27)
+        limited(SECONDS=1, MEMORY=1 << 27)
     got = []
     with pytest.raises(kind, match=said) as caught:
         got.extend(answers(numbered, HERE, 2, stop))
@@ -123,9 +137,8 @@ def test_the_format_that_the_other_process_reads_is_named(tmp_path):
 MORE = r"more than memory has room for, as a broken file may claim, expected (a MATLAB|an HDF5) file"
 
 
-def test_a_matlab_file_that_unpacks_to_more_than_it_may_is_refused(tmp_path, monkeypatch):
-    pytest.importorskip("resource")
-    monkeypatch.setattr(reading_process, "MEMORY", 1 << 26)
+def test_a_matlab_file_that_unpacks_to_more_than_it_may_is_refused(tmp_path, limited):
+    limited(MEMORY=1 << 26)
     file = tmp_path / "bomb.mat"
     scipy.io.savemat(file, {"x": np.zeros(30_000_000, np.int8)}, do_compression=True)
     assert file.stat().st_size < 100_000
@@ -141,11 +154,10 @@ def endless(file):
     file.write_bytes(content)
 
 
-@pytest.mark.parametrize("name", ["HDF5", "MATLAB 7.3"])
-def test_an_hdf5_file_on_which_its_library_loops_is_refused_in_one_line(tmp_path, name, monkeypatch):
-    pytest.importorskip("resource")
+@pytest.mark.parametrize("name", ["HDF5", slow("MATLAB 7.3")])
+def test_an_hdf5_file_on_which_its_library_loops_is_refused_in_one_line(tmp_path, name, limited):
     h5py = pytest.importorskip("h5py")
-    monkeypatch.setattr(reading_process, "SECONDS", 1)
+    limited(SECONDS=1)
     ending, write = instrument_files.FORMATS[name]
     file = tmp_path / f"loop{ending}"
     write(file)
@@ -158,22 +170,20 @@ def test_an_hdf5_file_on_which_its_library_loops_is_refused_in_one_line(tmp_path
     assert str(caught.value).startswith(f"{file}: ")
 
 
-def test_an_hdf5_file_that_unpacks_to_more_than_it_may_is_refused(tmp_path, monkeypatch):
-    pytest.importorskip("resource")
+def test_an_hdf5_file_that_unpacks_to_more_than_it_may_is_refused(tmp_path, limited):
     h5py = pytest.importorskip("h5py")
     file = tmp_path / "bomb.h5"
     with h5py.File(file, "w") as stored:
         stored.create_dataset("x", data=np.zeros(100_000_000, np.int8), chunks=(100_000_000,), compression="gzip")
-    monkeypatch.setattr(reading_process, "MEMORY", 1 << 26)
+    limited(MEMORY=1 << 26)
     with pytest.raises(InputError, match=r"^.*bomb.h5: found .*, expected an HDF5 file\.$"):
         list(open_file(file).blocks([1]))
 
 
 @pytest.mark.parametrize("what", ["endless", "cut"])
-def test_a_posterior_that_is_damaged_is_told_in_a_line(tmp_path, what, monkeypatch):
-    pytest.importorskip("resource")
+def test_a_posterior_that_is_damaged_is_told_in_a_line(tmp_path, what, limited):
     pytest.importorskip("h5netcdf")
-    monkeypatch.setattr(reading_process, "SECONDS", 3)
+    limited(SECONDS=3)
     draws = fabricated.draws(fabricated.estimate().parameters, "posterior")
     write_draws(draws, {"piezo.gain": "m/V", "friction.sigma1_a": "N s/m"}, tmp_path)
     file = tmp_path / "posterior.nc"

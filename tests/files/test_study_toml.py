@@ -1,5 +1,6 @@
 """What a legal study file means."""
 
+import dataclasses
 from pathlib import Path
 
 import equinox as eqx
@@ -67,12 +68,13 @@ def test_a_voltage_that_a_drive_leaves_out_is_a_parameter(tmp_path, parameters, 
     text = changed('name = "step"', 'name = "step"\nconditions = ["hot"]', text)
     study = load_study(write_study(tmp_path, text))
     step, walk = study.records
-    assert float(step.drive.voltage) == volts and float(walk.drive.voltage) == 64.2
+    assert float(step.drive.voltage) == volts and "voltage" not in step.overrides
+    assert float(walk.drive.voltage) == 64.2 and "voltage" in walk.overrides
     path = max(path for path in study.parameters if path.startswith("drive.voltage"))
     numbers = {"friction.sigma0": 1e6, "friction.sigma1": 30.0, "friction.f_ss": 0.4, "piezo.natural_frequency": 6e3}
-    usual, twice = (study.with_values(numbers | {path: factor * volts}).predict() for factor in (1.0, 2.0))
-    np.testing.assert_allclose(twice[0], 2.0 * np.asarray(usual[0]), rtol=1e-12)
-    np.testing.assert_array_equal(twice[1], usual[1])
+    study = dataclasses.replace(study, records=(step,))
+    (usual,), (twice,) = (study.with_values(numbers | {path: factor * volts}).predict() for factor in (1.0, 2.0))
+    np.testing.assert_allclose(twice, 2.0 * np.asarray(usual), rtol=1e-12)
 
 
 def test_drive_is_the_waveform_with_its_fields(tmp_path):

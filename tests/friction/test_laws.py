@@ -18,7 +18,6 @@ from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.friction.stribeck import Stribeck
 
 VELOCITIES = (2e-4, -7e-4, 1.3e-3, -5e-3)
-REST = jnp.zeros(())
 
 
 def gaussian(v: float, f_c: float = 0.5, f_s: float = 0.7, v_s: float = 1e-3, viscous: float = 3.0) -> float:

@@ -1,5 +1,7 @@
 """Posteriors of two parameters drawn by both samplers, of residuals given as a function."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,10 +26,18 @@ slow_nuts = pytest.mark.parametrize("sampler", ["rto", pytest.param("nuts", mark
 
 
 def drawn(residuals, centre, drawing, bounds=EVERYWHERE, factor=1.0, chains=4, logarithmic=LINEAR):
+    """The chains of a posterior; its model is made once for the same arguments."""
+    numbers = (centre, *bounds, logarithmic)
+    model = _model(residuals, factor, *(tuple(np.asarray(number).tolist()) for number in numbers))
+    return SAMPLERS[drawing.sampler](model, drawing, None, lambda message: None, chains)
+
+
+@functools.cache
+def _model(residuals, factor, centre, low, high, logarithmic):
     residuals = jax.jit(residuals)
     slope = jax.jit(jax.jacfwd(residuals))
     evaluate = lambda at: (residuals(jnp.asarray(at)), slope(jnp.asarray(at)))
     optimum = Linearisation(np.array(centre), *map(np.asarray, evaluate(centre)))
+    bounds, seen_as = (np.array(low), np.array(high)), np.array(logarithmic)
     quiet = lambda message: None
-    model = posterior_model(evaluate, residuals, optimum, np.arange(2), bounds, logarithmic, factor, None, quiet)
-    return SAMPLERS[drawing.sampler](model, drawing, None, quiet, chains)
+    return posterior_model(evaluate, residuals, optimum, np.arange(2), bounds, seen_as, factor, None, quiet)

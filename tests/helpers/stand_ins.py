@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 import fabricated
 import pytest
-from matplotlib.figure import Figure
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import pdssjax
 import pdssjax.inference
@@ -15,16 +16,17 @@ from pdssjax import InputError
 
 @pytest.fixture
 def undrawn(monkeypatch) -> None:
-    """Pictures are files that only begin as such: to draw them takes longer than all else that is written."""
-    drawn = Figure.savefig
+    """Make pictures files that only begin as such: drawing takes longer than all else that is written."""
+    drawn = FigureCanvasAgg.print_png
 
-    def save(figure, file, **how):
-        if isinstance(file, str | Path):
-            Path(file).write_bytes(b"\x89PNG")
+    def save(canvas, file, **how):
+        if isinstance(file, Path):
+            file.write_bytes(b"\x89PNG")
         else:  # within a page
-            drawn(figure, file, **how)
+            drawn(canvas, file, **how)
 
-    monkeypatch.setattr(Figure, "savefig", save)
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda layout, figure: None)
+    monkeypatch.setattr(FigureCanvasAgg, "print_png", save)
 
 
 @pytest.fixture

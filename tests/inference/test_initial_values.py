@@ -1,6 +1,7 @@
 """Fits start where the records' voltage, motion and sampling say, whatever the member."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -18,9 +19,8 @@ from pdssjax.inference import guess_starts
 from pdssjax.inference.initial_values import search
 from pdssjax.study import Models, Parameter, Predictor, predicted
 
-VOLTS = [3.6, 64.0, 1000.0]
-STROKES = [5e-9, 6e-6, 2e-3]
-"""How far the platform goes [m]."""
+SIZES = [(3.6, 2e-3), (64.0, 6e-6), (1000.0, 5e-9)]
+"""Voltages, and how far the platform goes [m]."""
 ELECTRONICS = "amplifier.bandwidth", "amplifier.slew", "sensor.bandwidth"
 LAWS = members("friction")
 PIEZOS = members("piezo")
@@ -66,13 +66,12 @@ def legal(starts, parameters):
 def test_every_start_of_a_stack_is_legal_and_has_the_gain_that_the_records_show(piezo):
     models = choose(piezo)
     parameters = free(models, "piezo")
-    for volts in VOLTS:
-        for stroke in STROKES:
-            starts, _ = guess_starts(models, parameters, [stretched(volts, stroke)])
-            legal(starts, parameters)
-            found = models.actuator(starts).piezo
-            assert found.broken_conditions() == ()
-            assert float(found.static_gain()) == pytest.approx(stroke / volts, rel=0.1)
+    for volts, stroke in SIZES:
+        starts, _ = guess_starts(models, parameters, [stretched(volts, stroke)])
+        legal(starts, parameters)
+        found = models.actuator(starts).piezo
+        assert found.broken_conditions() == ()
+        assert float(found.static_gain()) == pytest.approx(stroke / volts, rel=0.1)
 
 
 INTEGRATED = [pytest.param(p, marks=[] if member("piezo", p).closed else [pytest.mark.slow]) for p in PIEZOS]
@@ -82,23 +81,20 @@ INTEGRATED = [pytest.param(p, marks=[] if member("piezo", p).closed else [pytest
 def test_every_parameter_of_a_stack_shows_where_a_fit_of_it_starts(piezo):
     models = choose(piezo)
     parameters = free(models, "piezo")
-    for volts in VOLTS:
-        for stroke in STROKES:
-            posed = stretched(volts, stroke)
-            starts, _ = guess_starts(models, parameters, [posed])
-            legal(starts, parameters)
-            assert models.actuator(starts).piezo.broken_conditions() == ()
-            predictor = Predictor(models, [posed])
-            motion = lambda values, predictor=predictor: moved(predictor, values)
-            reached = motion(starts)
-            assert np.ptp(reached) == pytest.approx(stroke, rel=0.4), (volts, stroke)
-            for path, number in starts.items():
-                # What begins at zero is a voltage before the record.
-                change = motion(starts | {path: 1.1 * number if number else 0.1 * volts}) - reached
-                # Ringing and damping hardly show in a slow loop; what is not linear must.
-                linear = path in ("piezo.natural_frequency", "piezo.damping_ratio", "piezo.creep_time")
-                linear |= piezo == "distributed-rod"
-                assert linear or np.ptp(change) > 1e-4 * stroke, (path, volts, stroke)
+    for volts, stroke in SIZES:
+        posed = stretched(volts, stroke)
+        starts, _ = guess_starts(models, parameters, [posed])
+        predictor = Predictor(models, [posed])
+        motion = lambda values, predictor=predictor: moved(predictor, values)
+        reached = motion(starts)
+        assert np.ptp(reached) == pytest.approx(stroke, rel=0.4), (volts, stroke)
+        for path, number in starts.items():
+            # What begins at zero is a voltage before the record.
+            change = motion(starts | {path: 1.1 * number if number else 0.1 * volts}) - reached
+            # Ringing and damping hardly show in a slow loop; what is not linear must.
+            linear = path in ("piezo.natural_frequency", "piezo.damping_ratio", "piezo.creep_time")
+            linear |= piezo == "distributed-rod"
+            assert linear or np.ptp(change) > 1e-4 * stroke, (path, volts, stroke)
 
 
 def test_elements_of_maxwell_slip_do_slip_at_a_small_voltage():
@@ -165,15 +161,13 @@ def test_a_contact_starts_with_forces_that_go_with_the_motion(law):
     models = choose(friction=law)
     parameters = free(models, "piezo", "friction")
     forces = {}
-    for volts in VOLTS:
-        for stroke in STROKES:
-            for interval in (1e-3, 2e-2):
-                starts, searched = guess_starts(models, parameters, [walk(volts, stroke, interval)])
-                legal(starts, parameters)
-                assert searched
-                for path, number in starts.items():
-                    if parameters[path].unit == "N":
-                        forces.setdefault(path, []).append(number / stroke)
+    for (volts, stroke), interval in itertools.product(SIZES, (1e-3, 2e-2)):
+        starts, searched = guess_starts(models, parameters, [walk(volts, stroke, interval)])
+        legal(starts, parameters)
+        assert searched
+        for path, number in starts.items():
+            if parameters[path].unit == "N":
+                forces.setdefault(path, []).append(number / stroke)
     for path, ratios in forces.items():
         assert max(ratios) < 3.0 * min(ratios), path
 

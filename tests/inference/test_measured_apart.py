@@ -17,9 +17,6 @@ from pdssjax.report.text import format_report
 APART = '"piezo.gain" = { value = "0.11015 um/V", standard_error = "0.00001 um/V" }'
 
 
-VOLTAGE = ', voltage = "50 V"'
-
-
 @pytest.fixture(scope="module")
 def studies(tmp_path_factory):
     """The platform's study, and the same with a gain measured apart."""
@@ -139,7 +136,7 @@ def test_records_that_contradict_it_are_named(studies):
 def test_what_ends_many_errors_from_where_it_was_measured_apart_is_not_far_from_its_start(tmp_path):
     """A voltage is fitted in units of its error: 1000 of them are 2 V of 50."""
     text = platform_study.PLATFORM.replace('"friction.sigma0" = {}', '"friction.sigma0" = { value = 1e6 }')
-    text = text.replace('"piezo.gain" = {}', '"piezo.gain" = { value = "0.11 um/V" }').replace(VOLTAGE, "")
+    text = text.replace('"piezo.gain" = {}', '"piezo.gain" = { value = "0.11 um/V" }').replace(', voltage = "50 V"', "")
     told = '"friction.f_ss" = { value = 0.65 }\n"drive.voltage" = { value = "48 V", standard_error = "2 mV" }'
     text = text.replace('"friction.f_ss" = { value = 0.65 }', told)
     notes = pdssjax.identify(load_study(platform_study.write_platform(tmp_path, text))).notes

@@ -29,7 +29,7 @@ measures = "platform"
 noise = "1 nm"
 drive = {{ waveform = "sawtooth", voltage = "60 V", frequency = "100 Hz", direction = "forward" }}
 """
-HYSTERETIC = '{ dynamics = "second-order", hysteresis = { law = "play", elements = 2 } }'
+HYSTERETIC = '{ dynamics = "second-order", hysteresis = { law = "play", elements = 1 } }'
 PLAY = '"piezo.play_*" = { value = 1e-8 }\n"piezo.play_range" = { value = 25 }'
 
 

@@ -74,7 +74,7 @@ def test_rest_before_and_after_the_drive_is_left_out(tmp_path):
 
 
 def test_the_found_frequency_costs_precision_and_a_given_one_does_not(tmp_path):
-    time, motion = stick_slip(9.5, 5.0)
+    time, motion = stick_slip(12.3, 5.0)
     file = written(tmp_path / "motion.csv", time, noisy(motion))
     found, given = characterise(file), characterise(file, frequency=5.0)
     assert found.summary["net_step"].standard_error > given.summary["net_step"].standard_error
@@ -115,7 +115,7 @@ def test_a_window_keeps_part_of_the_record(tmp_path):
 
 
 def test_a_slip_that_takes_time_shortens_the_stroke(tmp_path):
-    time, motion = stick_slip(8, 5.0)
+    time, motion = stick_slip(12.3, 5.0)
     file = written(tmp_path / "motion.csv", time, noisy(motion))
     whole, part = characterise(file, frequency=5.0), characterise(file, frequency=5.0, slip_duration=0.02)
     assert part.summary["stroke"].mean == pytest.approx(0.9 * whole.summary["stroke"].mean, rel=2e-3)

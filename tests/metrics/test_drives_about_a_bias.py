@@ -16,7 +16,8 @@ BIASED = ["forward, slow fall", "backward", "cycloid forward", "cycloid backward
     ("name", "low", "voltage"),
     [
         *itertools.product(SHAPES, [0.0], [40.0]),
-        *((name, *drive) for name in BIASED for drive in [(-60.0, 120.0), (30.0, -100.0)]),
+        *((name, -60.0, 120.0) for name in BIASED),
+        *((slow if name != "backward" else pytest.param)(name, 30.0, -100.0) for name in BIASED),
     ],
 )
 def test_a_drive_is_counted_from_the_level_at_which_it_rests_and_begins_where_it_leaves_it(name, low, voltage):
@@ -69,8 +70,7 @@ def test_a_short_rest_before_a_cycloid_is_one(name):
     assert found.start == pytest.approx(1.0, abs=INTERVAL)
 
 
-@pytest.mark.parametrize("step", [0.3, 1.0, 2.0])
-@pytest.mark.parametrize("share", [0.05, 0.3, 0.5])
+@pytest.mark.parametrize(("step", "share"), [(0.3, 0.5), (1.0, 0.05), (2.0, 0.3)])
 def test_a_converter_that_flickers_by_one_step_hides_neither_a_rest_nor_a_square_wave(step, share):
     time = np.arange(0.0, 2.0, 5e-4)
     flicker = step * (np.random.default_rng(0).random(time.size) < share)

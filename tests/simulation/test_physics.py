@@ -1,6 +1,5 @@
 """Limit cases, balances and symmetries of the motion, and what the edges of a record do to it."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -32,16 +31,16 @@ def test_what_never_slips_rides_along():
 
 
 def test_a_heavy_platform_feels_no_friction():
-    free, coupled = (trajectory(Rig(stack=1e6, feedback=f, fall=9e-4), TIMES, Accuracy()) for f in (False, True))
+    rigs = (Rig(reading="force", stack=1e6, feedback=feedback, fall=9e-4) for feedback in (False, True))
+    free, coupled = (trajectory(rig, TIMES, Accuracy()) for rig in rigs)
     np.testing.assert_allclose(coupled.platform, free.platform, rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(coupled.effector, free.effector, rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("reading", ["deflection", "force"])
 @pytest.mark.parametrize("load", [0.0, -0.1])
-def test_momentum_and_energy_are_balanced_with_feedback(reading, load):
+def test_momentum_and_energy_are_balanced_with_feedback(load):
     """What voltage, friction and load give is what the masses have, sample by sample through a drop."""
-    rig = Rig(reading=reading, feedback=True, load=load, fall=9e-4)
+    rig = Rig(reading="force", feedback=True, load=load, fall=9e-4)
     times = rig.cycle + 1e-5 * np.arange(SAMPLES)
     run = trajectory(rig, times, TIGHT)
     gathered = lambda rate: cumulative_simpson(rate, x=times, initial=0.0)
@@ -63,8 +62,8 @@ def test_momentum_and_energy_are_balanced_with_feedback(reading, load):
 
 
 def test_the_two_readings_agree_where_nothing_depends_on_direction():
-    for feedback, load in itertools.product((False, True), (0.0, 0.1)):
-        rig = replace(SAME, feedback=feedback, load=load, fall=9e-4)
+    for load in (0.0, 0.1):
+        rig = replace(SAME, load=load, fall=9e-4)
         runs = [trajectory(replace(rig, reading=reading), TIMES, TIGHT) for reading in ("deflection", "force")]
         np.testing.assert_allclose(runs[0].effector, runs[1].effector, rtol=0.0, atol=1e-12)
         np.testing.assert_allclose(runs[0].friction, runs[1].friction, rtol=0.0, atol=1e-6)

@@ -1,6 +1,7 @@
 """A sweep is many single runs, labelled: each point is its own simulation, and one that fails says so."""
 
 import dataclasses
+import itertools
 
 import jax
 import numpy as np
@@ -19,7 +20,7 @@ from pdssjax.drive.triangle import Triangle
 from pdssjax.files import EXAMPLE, write_sweep
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.sweeps import find_border
+from pdssjax.sweeps import Listed, find_border
 
 UM = 1e6
 
@@ -27,30 +28,47 @@ UM = 1e6
 GRID = {"drive.voltage": [30.0, 64.0, 75.0], "drive.frequency": [5.0, 23.0], "friction.f_ss_a": [0.5, 0.8]}
 
 
+FURTHER = ("peak_friction", "reversals", "settled", "grazing")
+
+
 @pytest.fixture(scope="module")
 def data(study):
-    return pdssjax.sweep(study, GRID, workers=2)
+    return pdssjax.sweep(study, GRID, metrics=FURTHER, workers=2)
 
 
 @jax.jit
 def walked(voltage, frequency, f_ss_a):
-    """End-effector displacement at the middle and the ends of the fitted part of the last two flanks, one run."""
+    """End-effector, relative velocity and friction force in the fourth cycle and at three phases of the next."""
     actuator = Actuator(SecondOrder(), AnisotropicLuGre(f_ss_a=f_ss_a))
-    phases = np.array([3.2, 3.5, 3.8, 4.2, 4.5, 4.8])
-    return pdssjax.simulate(actuator, Sawtooth(voltage, frequency), phases / frequency).effector
+    phases = np.append(3.0 + np.linspace(0.0, 1.0, 40_001)[1:-1], [4.2, 4.5, 4.8])
+    run = pdssjax.simulate(actuator, Sawtooth(voltage, frequency), phases / frequency)
+    return run.effector, run.platform_velocity - run.effector_velocity, run.friction
 
 
 def test_every_point_agrees_with_its_own_single_run(data):
-    for voltage in GRID["drive.voltage"]:
-        for frequency in GRID["drive.frequency"]:
-            for f_ss_a in GRID["friction.f_ss_a"]:
-                point = data.sel(drive_voltage=voltage, drive_frequency=frequency, friction_f_ss_a=f_ss_a)
-                low, middle, high, _, following, _ = np.asarray(walked(voltage, frequency, f_ss_a)) * UM
-                assert float(point.net_step) * UM == pytest.approx(following - middle, abs=1e-3)
-                assert float(point.stroke) * UM == pytest.approx((high - low) / 0.6, abs=3e-3)
-                assert float(point.speed) == pytest.approx(float(point.net_step) * frequency)
-                assert float(point.efficiency) == pytest.approx(float(point.net_step / point.stroke))
-                assert float(point.back_slip) == pytest.approx(float(point.stroke - point.net_step))
+    for voltage, frequency, f_ss_a in itertools.product(*GRID.values()):
+        point = data.sel(drive_voltage=voltage, drive_frequency=frequency, friction_f_ss_a=f_ss_a)
+        motion = np.asarray(walked(voltage, frequency, f_ss_a)[0])
+        # At the middle and the ends of the fitted part of the slow flank, and at the middle of the next.
+        low, middle, high, following = UM * motion[[7_999, 19_999, 31_999, -2]]
+        assert float(point.net_step) * UM == pytest.approx(following - middle, abs=1e-3)
+        assert float(point.stroke) * UM == pytest.approx((high - low) / 0.6, abs=3e-3)
+        assert float(point.speed) == pytest.approx(float(point.net_step) * frequency)
+        assert float(point.efficiency) == pytest.approx(float(point.net_step / point.stroke))
+        assert float(point.back_slip) == pytest.approx(float(point.stroke - point.net_step))
+
+
+def test_further_metrics_are_those_of_a_single_run_sampled_densely(study):
+    drives = {"drive.voltage": [64.0, 120.0], "drive.frequency": [50.0, 150.0], "friction.f_ss_a": [0.7964, 0.7]}
+    data = pdssjax.sweep(study, Listed(drives), metrics=FURTHER, workers=2)
+    assert not data.failure.any() and (data.settled == 0).all()
+    for i, numbers in enumerate(zip(*drives.values(), strict=True)):
+        _, velocity, friction = (np.asarray(part)[:-3] for part in walked(*numbers))
+        # The drop turns the motion by its jump at the opening, which the samples begin behind.
+        turns = np.count_nonzero(np.diff(np.sign(velocity)))
+        assert float(data.reversals[i]) in (turns, turns + 1)
+        assert float(data.peak_friction[i]) == pytest.approx(np.abs(friction).max(), rel=1e-5)
+        assert 0.0 < float(data.grazing[i]) <= 1.0
 
 
 def test_points_are_labelled_with_units_and_say_what_was_held(data):
@@ -117,10 +135,12 @@ def test_a_fast_flank_counts_the_same_whether_duty_or_fall_time_makes_it(study):
         assert float(by_duty[name]) == pytest.approx(float(by_fall[name]), rel=1e-9, abs=1e-15)
 
 
-def test_progress_is_told_block_by_block(study):
+def test_progress_is_told_block_by_block_and_the_cycle_is_the_same_without_further_metrics(study, data):
     told = []
-    pdssjax.sweep(study, GRID, progress=lambda done, count: told.append((done, count)))
+    plain = pdssjax.sweep(study, GRID, progress=lambda done, count: told.append((done, count)))
     assert told[-1] == (12, 12)
+    np.testing.assert_array_equal(data.net_step, plain.net_step)
+    assert data.peak_friction.attrs["units"] == "N" and data.reversals.attrs["units"] == "1"
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ from pdssjax.inference.uncertainty.influence import FittedPoint
 
 RANDOM = np.random.default_rng(9)
 PATHS = ("piezo.gain", "piezo.damping_ratio", "friction.sigma0", "friction.sigma1", "friction.f_ss")
-SIZES = (60, 160)
 VALUES = np.array([2.0, 0.2, 3.0, 4.0, 5.0])
 
 

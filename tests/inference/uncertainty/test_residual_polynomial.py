@@ -22,9 +22,8 @@ def cubic(x):
 
 
 def points(residuals, count, seed=0):
-    evaluate = lambda at: Linearisation(
-        at, np.asarray(residuals(at)), np.asarray(jax.jacfwd(residuals)(jnp.asarray(at)))
-    )
+    both = jax.jit(lambda at: (residuals(at), jax.jacfwd(residuals)(at)))
+    evaluate = lambda at: Linearisation(at, *map(np.asarray, both(at)))
     random = np.random.default_rng(seed)
     return evaluate(CENTRE), [evaluate(CENTRE + AXES @ random.standard_normal(3)) for _ in range(count)]
 
@@ -52,10 +51,10 @@ def test_many_directions_allow_a_low_order_only(directions, most, degree):
 def test_a_cubic_is_found_from_fewer_points_than_it_has_terms():
     optimum, others = points(cubic, 12)
     polynomial = learned_polynomial(optimum, others, AXES, 1.0).turned()
+    both = jax.jit(lambda at: (polynomial(at), jax.jacfwd(polynomial)(at)))
     for point in points(cubic, 20, seed=1)[1]:
-        turned = np.asarray(polynomial(jnp.asarray(point.at)))
+        turned, slope = map(np.asarray, both(point.at))
         assert np.sum(turned**2) == pytest.approx(point.chi2, rel=1e-4, abs=1e-4)
-        slope = np.asarray(jax.jacfwd(polynomial)(jnp.asarray(point.at)))
         np.testing.assert_allclose(slope.T @ turned, point.jacobian.T @ point.residual, rtol=1e-3, atol=1e-2)
 
 

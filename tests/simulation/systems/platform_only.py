@@ -2,17 +2,18 @@
 
 from pdssjax import Amplifier, Sensor
 from pdssjax.actuator import DrivenPlatform
+from pdssjax.core import member
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.piezo.maxwell_slip import MaxwellSlip
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import PlatformOnly
 
 HORIZON = 0.045
+STACK = member("piezo", "composed:static+maxwell-slip-2")()
 
 
 def system(factor):
     amplifier = Amplifier(bandwidth=2000.0, slew=2e4 * factor)
-    return PlatformOnly(DrivenPlatform(MaxwellSlip(), amplifier), Sawtooth(64.0, 50.0, 9e-4))
+    return PlatformOnly(DrivenPlatform(STACK, amplifier), Sawtooth(64.0, 50.0, 9e-4))
 
 
 def settling():
