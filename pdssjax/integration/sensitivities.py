@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float
 from ..core import Scalar, Truth
 from .accuracy import Accuracy
 from .polynomials import horner
-from .step_end import end_to_first_order, end_to_second_order, event_shift_of, exact_end
+from .step_end import SMALL, end_to_first_order, end_to_second_order, event_shift_of, exact_end
 from .step_methods.base import AbstractStepMethod, KnownStep
 from .step_table import KNOWN_COLUMNS, read
 from .system import (
@@ -70,6 +70,7 @@ def differentiated_steps(
     """
     parameters, rebuilt = ravel_pytree(moving)
     method, tolerance = accuracy.method, jnp.asarray(accuracy.tolerance, float)
+    weights = jnp.outer(parameters, parameters)
 
     def started(parameters: Float[Array, " parameters"]) -> Float[Array, " begin"]:
         leaves = jax.tree.leaves(initial_state_and_mode(eqx.combine(rebuilt(parameters), fixed))[0])
@@ -99,7 +100,8 @@ def differentiated_steps(
         second, (begin_bends,) = lax.scan(join, ends[1:], (real, of_begin, (end_bends,)))
         bends = bends + jax.vmap(_contracted)(inner[..., :size], begin_bends)
         follows = jnp.concatenate([begin_bends[1:], second[0][None]])[:, [2 + component for component in keep]]
-        known = jnp.where(_lost_in_settling(rows, bends, follows) & real, jnp.nan, 1.0).min()
+        lost = _lost_in_settling(rows, bends * weights, follows * weights)
+        known = jnp.where(lost & real, jnp.nan, 1.0).min()
         second = tuple(known * derivative for derivative in second)
         return (*first, *second), StepDerivatives((begins, known * begin_bends), (polynomials, slopes, known * bends))
 
@@ -119,12 +121,13 @@ def _lost_in_settling(
     A contact that comes to rest by ever smaller sticking and slipping can multiply its sensitivity at each by more
     than the motion shrinks: then the second derivatives grow as the motion dies out, and do not exist in the limit.
 
-    **Arguments:** of the kept components, second derivatives of the polynomials, and with what the next step begins.
+    **Arguments:** second derivatives of the kept components by relative changes of the parameters: of the polynomials,
+    and those with which the next step begins.
     """
     step = read(rows.T)
     ends = horner([bends[:, :, k] for k in range(bends.shape[2])], step.duration[:, None, None, None])
     norm = lambda of_rows: jnp.sqrt(jnp.sum(of_rows**2, axis=(1, 2, 3)))
-    return step.becomes_settled & (norm(follows - ends) > _LOST * norm(follows))
+    return step.becomes_settled & (norm(follows - ends) > SMALL + _LOST * norm(follows))
 
 
 def _contracted(a: Float[Array, "*left inner"], b: Float[Array, "inner *right"]) -> Float[Array, "..."]:

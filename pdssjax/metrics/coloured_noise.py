@@ -8,7 +8,7 @@ fitted by the recursion of Levinson and Durbin to the sample autocovariances; q 
 Quinn (J. R. Statist. Soc. B 41(2), 1979).  Its autocovariance follows at all lags.  The order takes the place of the
 bandwidth of a kernel estimate (W. J. den Haan and A. T. Levin, Handbook of Statistics 15, 1997): no lag is cut off, so
 slow noise is not underestimated, as it is where a kernel's bandwidth rests on an AR(1) (D. W. K. Andrews, Econometrica
-59(3), 1991) that the noise is not.  docs/error-models.md has both measured side by side.
+59(3), 1991) that the noise is not.  docs/decisions/13-error-models.md has both measured side by side.
 
 At other times it is white noise and a slow one, which may ring,
 

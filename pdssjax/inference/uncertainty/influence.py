@@ -2,8 +2,8 @@
 
 Where the samples are off by e, the estimate is off by H^-1 J' e.  H = J' J + S, S = sum r d2r, is the whole second
 derivative of half the sum of squares: where the model does not explain the data, its residuals r do not average out,
-and without their curvature S the errors are wrong (H. White, Econometrica 50(1), 1982).  docs/error-models.md says by
-how much.
+and without their curvature S the errors are wrong (H. White, Econometrica 50(1), 1982).  By how much is in
+docs/decisions/13-error-models.md.
 
 With the pseudo-inverse L U' of J, U' U = 1 and L L' = (J' J)^-1, it is H^-1 J' = L (1 + L' S L)^-1 U'.  The columns of
 L are principal directions, each as long as its standard error: along them S is found by differences of the Jacobian
