@@ -18,7 +18,7 @@ from ..core import Count, Scalar, Truth
 from .step_table import Row, read
 from .system import SETTLED, AbstractHybridSystem, InputSegment, State, has_guards, unflattener
 
-SMALL = 1e-11
+_SMALL = 1e-11
 """Amplitude [m] of a motion from whose events derivatives are carried back to a fixed time."""
 
 
@@ -55,7 +55,7 @@ def event_shift_of(system: AbstractHybridSystem, row: Float[Array, " columns"], 
         # At the first instant of a segment an event has no time of its own: it is there whatever the parameters, and
         # gap and slope may both be rounding (a contact at rest under a drive that begins with slope zero).
         located = step.event & (at > 0.0) & (slope != 0)
-        is_carried_back = step.event & system.is_carried_back(slope, mode, which, SMALL)
+        is_carried_back = step.event & system.is_carried_back(slope, mode, which, _SMALL)
         slope = lax.stop_gradient(jnp.where(located, slope, 1.0))
         shift_of_event = jnp.where(located, -_tangent_only(gap) / slope, 0.0)
     shift_of_corner = _tangent_only(jnp.where(step.corner, segment.duration, 0.0) - at)
@@ -189,7 +189,7 @@ def end_to_second_order(
         with_slope = lambda shift: jax.jvp(margin, (shift,), (one,))
         (gap, slope), (_, bend) = jax.jvp(with_slope, (still,), (one,))
         located = step.event & (step.at > 0.0) & (slope != 0)
-        is_carried_back = step.event & system.is_carried_back(lax.stop_gradient(slope), mode, which, SMALL)
+        is_carried_back = step.event & system.is_carried_back(lax.stop_gradient(slope), mode, which, _SMALL)
         tangent = -jnp.where(located, _tangent_only(gap), 0.0) / jnp.where(located, slope, 1.0)
         bent = lax.stop_gradient(jnp.where(located, 0.5 * bend / slope, 0.0))
         shift = jnp.where(located, tangent - bent * tangent**2, shift)
