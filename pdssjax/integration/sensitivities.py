@@ -46,7 +46,7 @@ _PAIRS = 64
 _LOST, _LOST_ANYWAY = 3e-4, 1e-9
 """What may be dropped of second derivatives with the last of a motion that has settled: a part of them, and so much
 [m] for relative changes of the parameters by 1.  Of 700 drawn actuators three drop 5e-3 of them or more, the others at
-most 8e-5."""
+most 2e-4 or less than that length."""
 
 
 class StepDerivatives(NamedTuple):
