@@ -237,8 +237,10 @@ def _compiled(call: _Call, file: Path | None) -> Program:
     # Under the same key in JAX's own cache: what is read from there cannot be kept, since kernels would be missing,
     # and after a change of our sources, or for a study of another title, the same code would be traced for ever.
     flat.__name__ = call.function.__name__ + ("" if file is None else f"_{file.name[-12:]}")
-    began, hits = time.perf_counter(), _cache_hits()
-    program = Program(jax.jit(flat, keep_unused=True).lower(*call.arrays).compile(), outputs[0])
+    began = time.perf_counter()
+    lowered = jax.jit(flat, keep_unused=True).lower(*call.arrays)
+    hits = _cache_hits()  # not of what was compiled for the tracing
+    program = Program(lowered.compile(), outputs[0])
     took, fresh = time.perf_counter() - began, _cache_hits() == hits
     if file is not None and fresh and took >= jax.config.jax_persistent_cache_min_compile_time_secs:  # pyright: ignore[reportAttributeAccessIssue]
         _keep(program, file)
