@@ -32,7 +32,7 @@ def pytest_configure(config):
     flags = os.environ.get("XLA_FLAGS", "").split()
     if not any("optimization_level" in flag for flag in flags):
         flags.append(f"--xla_backend_optimization_level={0 if config.option.markexpr == 'not slow' else 1}")
-    flags += ["--xla_llvm_disable_expensive_passes=true", "--xla_cpu_parallel_codegen_split_count=1"]
+    flags.append("--xla_llvm_disable_expensive_passes=true")
     # XLA reads them when the first computation is asked for.
     os.environ["XLA_FLAGS"] = " ".join(flags)
     # The matrices of tests are small: a second thread of NumPy's waits, at full load, longer than it works.

@@ -120,6 +120,14 @@ _LEVEL = "--xla_backend_optimization_level=1"
 """LLVM's level of optimisation for a CPU: the example's fit compiles in a fifth less time than at the usual third
 level, and the loops over steps run as fast (docs/decisions/12-loop-over-the-order.md)."""
 
+_SUMS = "--xla_disable_hlo_passes=tree_reduction_rewriter"
+"""A sum is one loop and not a tree of sums of 32 numbers each, of which LLVM makes pages of code: the example's first
+fit takes a tenth less time, and later ones as long."""
+
+_PARTS = "--xla_cpu_parallel_codegen_split_count=1"
+"""Into how many parts a function is split to be compiled in threads of their own: the loops, which most of the time
+goes into, are parts of their own anyway, and 32 parts take 4 % more."""
+
 _WITHOUT_EMITTERS_FLAG, _NEWER_THAN_MEASURED = (0, 11, 1), (0, 13)
 """Versions of jaxlib: the first without `_EMITTERS`, the first not tried."""
 
@@ -128,9 +136,14 @@ def xla_flags(version: str = jaxlib_version) -> list[str]:
     """How XLA is to compile for a CPU, of a jaxlib's `version`: flags that it knows, since an unknown one aborts."""
     numbers = tuple(int(number) for number in re.findall(r"\d+", version)[:3])
     flags = [_EMITTERS] if numbers < _WITHOUT_EMITTERS_FLAG else []
-    flags += [flag for flag in (_LOOPS, _LEVEL) if numbers < _NEWER_THAN_MEASURED or in_jaxlib(_flag_name(flag))]
-    # The level would hold for an accelerator's code, too.
-    return [flag for flag in flags if flag != _LEVEL or not importlib.metadata.entry_points(group="jax_plugins")]
+    flags += [
+        flag
+        for flag in (_LOOPS, _LEVEL, _SUMS, _PARTS)
+        if numbers < _NEWER_THAN_MEASURED or in_jaxlib(_flag_name(flag))
+    ]
+    # Level and sums would hold for an accelerator's code, too.
+    for_all = importlib.metadata.entry_points(group="jax_plugins")
+    return [flag for flag in flags if flag not in (_LEVEL, _SUMS) or not for_all]
 
 
 def in_jaxlib(flag: str) -> bool:
