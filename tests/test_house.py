@@ -86,11 +86,17 @@ def dotted(path: Path) -> str:
 
 
 @functools.cache
+def tree(path: Path) -> ast.Module:
+    """The parsed source of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@functools.cache
 def imported(path: Path) -> list[tuple[str, list[str]]]:
     """What a file imports, at its top or within a function, in absolute terms: (module, names)."""
     package = path.relative_to(ROOT).parts[:-1]
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             found += [(alias.name, []) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -153,7 +159,7 @@ def test_faces_show_the_same_to_python_and_to_type_checkers():
     for path in (path for path in MODULES if path.name == "__init__.py"):
         told = [
             alias.name
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            for node in tree(path).body
             if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
             for statement in node.body
             if isinstance(statement, ast.ImportFrom)
@@ -335,9 +341,8 @@ def test_what_is_imported_is_declared_and_what_is_needed_is_imported():
 
 def test_files_and_functions_stay_short():
     for path in SCRIPTS:
-        text = path.read_text(encoding="utf-8")
-        assert len(text.splitlines()) < MOST_LINES, path
-        for node in ast.walk(ast.parse(text)) if PACKAGE in path.parents else ():
+        assert len(path.read_text(encoding="utf-8").splitlines()) < MOST_LINES, path
+        for node in ast.walk(tree(path)) if PACKAGE in path.parents else ():
             if isinstance(node, ast.FunctionDef):
                 assert node.end_lineno - node.lineno < MOST_OF_A_FUNCTION, f"{node.name} is too long"
 

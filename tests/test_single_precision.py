@@ -6,14 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 import pytest
+from parts import Coulomb, Sawtooth, SecondOrder
 from platform_study import write_platform
 
 import pdssjax
 from pdssjax import Accuracy, Actuator, InputError
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.friction.coulomb import Coulomb
 from pdssjax.integration import HybridSystem, integrate, integrate_steps, sample_run
-from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import StickSlip
 
 TIMES = np.linspace(0.0, 5e-3, 6)

@@ -1,6 +1,7 @@
 """Types: every public function says what it takes and gives, with shapes, and a swapped argument is found."""
 
 import ast
+import functools
 import importlib.util
 import inspect
 import json
@@ -25,6 +26,13 @@ BARE = {"tuple", "dict", "list", "set", "frozenset", "Callable", "Mapping", "Seq
 
 ARRAYS = {"Array", "ndarray"}
 """Say nothing of their shape unless they stand inside one of `SHAPED`."""
+
+
+@functools.cache
+def tree(path: Path) -> ast.Module:
+    """The parsed source of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
 
 FunctionNode = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -80,9 +88,8 @@ def declared(body: list[ast.stmt], of_class: str = "") -> Iterator[tuple[str, as
 
 def weak(path: Path) -> list[str]:
     """All that a module declares in public with a type that says nothing."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     where = path.relative_to(PACKAGE)
-    found = [(name, weaknesses(annotation)) for name, annotation in declared(tree.body)]
+    found = [(name, weaknesses(annotation)) for name, annotation in declared(tree(path).body)]
     return [f"{where}: {name} {sorted(what)}" for name, what in found if what]
 
 
@@ -111,7 +118,7 @@ def test_types_that_say_nothing_are_seen(declaration, found):
 def test_a_type_that_stands_for_anything_says_why():
     """`Any` is called by a name then, with a docstring below it."""
     for path in MODULES:
-        body = ast.parse(path.read_text(encoding="utf-8")).body
+        body = tree(path).body
         for node, below in zip(body, [*body[1:], None], strict=True):
             if isinstance(node, ast.AnnAssign) and node.value is not None and "Any" in ast.unparse(node.value):
                 told = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
@@ -139,10 +146,8 @@ from pdssjax import (
     simulate,
     sweep,
 )
-from pdssjax.friction.lugre import LuGre
 from pdssjax.inference import Problem
 from pdssjax.integration import integrate_steps, states_at
-from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import StickSlip, sensor_samples
 from pdssjax.study import Models, compare, depends_on, numbers_used
 

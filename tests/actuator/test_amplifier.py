@@ -1,25 +1,21 @@
 """The amplifier: its bandwidth, its slew limit, where the one gives way to the other, and the derivatives in both."""
 
+import dataclasses
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from parts import BoucWen, Sawtooth, SecondOrder, SimplifiedLuGre, Sine, Static, Step
 from scipy.integrate import solve_ivp
 
-from pdssjax import Actuator, Amplifier, Effector, Stop
+from pdssjax import Actuator, Amplifier, Effector, Stop, Taylor
 from pdssjax.actuator import DrivenPlatform
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.drive.sine import Sine
-from pdssjax.drive.step import Step
-from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.integration import TIGHT, integrate_steps, states_at
-from pdssjax.piezo.bouc_wen import BoucWen
-from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.piezo.static import Static
 from pdssjax.simulation import PlatformOnly, StickSlip
 
+FINE = dataclasses.replace(TIGHT, method=Taylor(10))
 W, XI, C = 6736.0, 0.1772, 1.007e-7
 
 
@@ -32,7 +28,7 @@ def behind(piezo, amplifier, drive, times):
     """The voltage that reaches the piezo [V], the platform [m], and the run: one program a piezo and a waveform."""
     assert times.shape == (SAMPLES,)
     system = PlatformOnly(DrivenPlatform(piezo, amplifier), drive)
-    run = integrate_steps(system, times[-1], TIGHT)
+    run = integrate_steps(system, times[-1], FINE)
     x, *_ = states_at(system, run, times)
     return x.driven.supply[0], jax.vmap(system.shown_displacement)(x), run
 
@@ -188,7 +184,7 @@ def test_a_stop_that_is_met_and_left_changes_nothing_of_what_the_amplifier_gives
         driven = DrivenPlatform(SecondOrder(), Amplifier(numbers[0], numbers[1]))
         actuator = Actuator(driven.piezo, SimplifiedLuGre(), Effector(), False, driven.amplifier, Stop(1e5, gap=4e-7))
         system = StickSlip(actuator, drive) if stopped else PlatformOnly(driven, drive)
-        run = integrate_steps(system, times[-1], TIGHT)
+        run = integrate_steps(system, times[-1], FINE)
         x, *_ = states_at(system, run, times)
         return x.driven.supply[0], (x.driven.supply[0], x.in_contact[0] if stopped else None)
 

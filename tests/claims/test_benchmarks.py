@@ -4,7 +4,6 @@ import importlib
 import json
 import math
 import pkgutil
-import sys
 
 import jax
 import jax.numpy as jnp
@@ -12,16 +11,14 @@ import numpy as np
 import pytest
 
 import benchmarks
-from benchmarks import gradient
 from benchmarks.grid import Grid, in_blocks
 from benchmarks.measure import Curve, Entry, Outcome, Rung, climb
 from benchmarks.peer_fits import AbstractFit, OutOfTime, Residual
 from benchmarks.peers import peers
-from benchmarks.peers.base import BLEND, AbstractPeer, differences, persist
+from benchmarks.peers.base import AbstractPeer, differences, persist
 from benchmarks.peers.c_floor import CFloor, simulate, simulate_grid
 from benchmarks.peers.pdssjax_taylor import PdssJax
 from benchmarks.peers.scipy_lsoda import SciPyLSODA
-from benchmarks.plot import panels
 from benchmarks.problem import NAMES, PARAMETERS, Problem, effector, pieces
 from benchmarks.rig import sawtooths, truth
 from benchmarks.table import as_json, as_markdown, as_text
@@ -140,13 +137,6 @@ def test_casadi_agrees_in_its_trajectory_but_not_in_its_jacobian():
     assert worst(peer.jacobian(SHORT).run(PARAMETERS, 1e-9), slopes) > 0.1
 
 
-def test_the_blend_of_a_fit_moves_a_run_by_less_than_a_nanometre():
-    peer, problem = SciPyLSODA(numba=False), Problem(cycles=1, samples=51)
-    drive_pieces, times = pieces(problem.drive(), problem.times[-1]), problem.times
-    sharp, blended = (peer._follow(PARAMETERS, drive_pieces, times, 1e-8, blend) for blend in (0.0, BLEND))
-    assert 0 < np.max(np.abs(sharp - blended)) < 1e-3
-
-
 def test_a_solver_that_gets_stuck_is_tried_at_looser_tolerances():
     tried = []
     found = persist(lambda t: tried.append(t) or np.array([np.nan if len(tried) < 3 else 1.0]), 1e-7)
@@ -206,40 +196,3 @@ def test_results_are_shown_and_kept():
     kept = json.loads(as_json(head, outcomes))
     assert kept["entries"][0]["median_seconds"] == 0.002
     assert kept["curves"][0]["wrong"] and kept["facts"] == {"count": 3}
-
-
-def test_the_plot_shows_every_point_of_every_peer():
-    sweep, fit = "sweep, 1000 points", "joint fit, starts 5 % off"
-    curves = [
-        Curve(sweep, "C floor", [Rung(1e-4, 3e-3, 0.12), Rung(1e-5, 3e-4, 0.17)]),
-        Curve(sweep, "a slow peer", [Rung(1e-6, 5e-2, 90.0), Rung(1e-7, 9e-4, 400.0)]),
-        Curve(fit, "pdssjax identify", [Rung(math.nan, math.nan, 0.6)]),
-        Curve(fit, "least_squares over a slow peer", [Rung(1e-7, 0.5, 2000.0)]),
-        Curve(fit, "lmfit over another", [Rung(1e-7, 0.02, 3.0)]),
-    ]
-    figure = panels(curves)
-    assert figure is not None
-    for curve in curves:
-        axes = next(axes for axes in figure.axes if axes.get_title().lower().startswith(curve.job[:5].lower()))
-        (x, y) = (sorted(axes.get_xlim()), sorted(axes.get_ylim()))
-        for rung in curve.rungs:
-            assert math.isnan(rung.error) or x[0] < rung.error < x[1]
-            assert y[0] < 1e3 * rung.seconds < y[1]
-    assert panels([]) is None
-
-
-def test_a_gradient_s_table_tells_errors_and_ratios():
-    right = gradient.Entry("tight", 10.0, np.array([1.0, -2.0]), 1.0, 1.0)
-    ours = gradient.Entry("ours", 10.0 + 1e-7, np.array([1.0, -2.002]), 3.0, 0.01)
-    other = gradient.Entry("other", 10.5, np.array([1.1, -2.0]), 2.0, 0.4)
-    rows = gradient._table(right, [ours, other]).splitlines()[2:]
-    assert [row.split("|")[2:6] for row in rows] == [
-        [" 1.0e-07 ", " 1.0e-03 ", " 0.01 ", " 1 "],
-        [" 5.0e-01 ", " 1.0e-01 ", " 0.4 ", " 40 "],
-    ]
-
-
-@pytest.mark.parametrize("peer", gradient.PEERS)
-def test_an_interpreter_without_a_peer_is_named(peer):
-    with pytest.raises(SystemExit, match=rf"could not run {peer}_gradient\.py: ModuleNotFoundError"):
-        gradient._apart(peer, sys.executable, "reverse", 1e-6)

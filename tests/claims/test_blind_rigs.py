@@ -1,10 +1,13 @@
-"""Fits of random rigs without starts: how they are judged, and that they end right."""
+"""Fits of random rigs without starts end right, or a walk that was not fitted tells which do not."""
+
+import dataclasses
+import json
 
 import numpy as np
 import pytest
 
 import pdssjax
-from experiments import blind_rigs
+from experiments import blind_rigs, profile_coverage
 from experiments.three_ways import known_truth
 from pdssjax.inference import Evidence, evaluated
 
@@ -91,3 +94,53 @@ def test_rigs_that_had_ended_elsewhere_or_on_their_way_are_compared_with_other_s
     """Rig 184 had ended at a discontinuity in its right optimum."""
     found = blind_rigs.identified(number, (method,))
     assert not blind_rigs.missed(found, method) and found[method]["converged"]
+
+
+@pytest.mark.slow
+def test_a_rig_has_both_intervals_and_those_of_the_profile_follow_the_valley(tmp_path, monkeypatch):
+    for module in (blind_rigs, profile_coverage):
+        monkeypatch.setattr(module, "OUT", tmp_path)
+    made = {"arguments": repr((0,)), "result": blind_rigs.identified(0)}
+    (tmp_path / blind_rigs.NAME).mkdir()
+    (tmp_path / blind_rigs.NAME / "0000.json").write_text(json.dumps(made))
+    found = profile_coverage.both_intervals(0)
+    assert set(found["linear"]) == set(found["profile"]) and len(found["linear"]) == 9
+    for path, (low, high) in found["profile"].items():
+        begin, end = found["linear"][path]
+        # Alike in width, not in place: chi-square is not quadratic.
+        assert 0.7 < (high - low) / (end - begin) < 1.5
+        assert low < made["result"]["joint"]["parameters"][path][0] < high
+
+
+SURE = 3.0
+"""Standard errors by which a right fit is off at most, in these seven."""
+
+
+def identified(number):
+    """From one step and one walk, with the other walk to validate the fit; noise not told."""
+    records = [dataclasses.replace(record, noise=None) for record in blind_rigs.rig(number)[0].records]
+    step = next(record for record in records if record.measures == "platform")
+    walk, other = (record for record in records if record.measures == "effector")
+    study = dataclasses.replace(
+        blind_rigs.rig(number)[0], records=(step, walk, dataclasses.replace(other, role="validate"))
+    )
+    return pdssjax.identify(study)
+
+
+def farthest(estimate, truth):
+    found = [p for p in estimate.parameters.values() if p.free and np.isfinite(p.standard_error)]
+    return max(abs(np.log(p.value / truth[p.path])) * p.value / p.standard_error for p in found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "right"), [(4, False), (13, False), (18, False), (22, False), (2, True), (5, True), (9, True)]
+)
+def test_what_a_fit_of_few_records_gets_wrong_is_told_by_another(number, right):
+    estimate = identified(number)
+    assert (farthest(estimate, blind_rigs.truth_of(number)) < SURE) == right
+    assert estimate.converged and estimate.explained == right
+    # What was fitted is explained all the same.
+    for record in estimate.records[:2]:
+        assert record.rmse == pytest.approx(blind_rigs.NOISE, rel=0.1)
+    assert any("does not carry over" in note for note in estimate.notes) == (not right)

@@ -1,4 +1,4 @@
-"""Any sensible start leads to the same optimum, and errors cover the truth as often as they claim."""
+"""One optimum, honest errors, a student's rig and the law of a record: experiments in small."""
 
 import dataclasses
 import json
@@ -6,19 +6,26 @@ import json
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compared_laws import Here
 
 import pdssjax
+from experiments import student_rig, which_law
 from pdssjax import Study
 from pdssjax.files import EXAMPLE
 
 pytestmark = pytest.mark.slow
+
 
 TRUTH = {
     path: entry["value"]
     for path, entry in json.loads((EXAMPLE / "truth.json").read_text())["parameters"].items()
     if path != "piezo.mass"
 }
+
+
 SEEDS = range(20)
+
+
 REALISATIONS = 100
 
 
@@ -51,8 +58,7 @@ def test_the_truth_lies_as_many_errors_away_as_it_should(example):
     for _ in range(REALISATIONS):
         records = tuple(
             dataclasses.replace(
-                record,
-                measured=motion + random.uniform(0.0, 2e-6) + random.normal(0.0, record.noise, motion.size),
+                record, measured=motion + random.uniform(0.0, 2e-6) + random.normal(0.0, record.noise, motion.size)
             )
             for record, motion in zip(example.records, motions, strict=True)
         )
@@ -65,3 +71,32 @@ def test_the_truth_lies_as_many_errors_away_as_it_should(example):
     assert np.sqrt(np.mean(scatter**2)) == pytest.approx(1.0, abs=0.12)
     assert abs(np.mean(scores, axis=0)).max() < 0.4
     assert 0.9 <= np.mean(inside) <= 0.99
+
+
+def test_from_files_of_20_samples_a_cycle_to_parameters_and_a_walk_that_was_not_fitted(tmp_path):
+    study = pdssjax.load_study(student_rig.write_study(tmp_path, student_rig.write_walks(tmp_path, predicted=2.0)))
+    estimate = pdssjax.identify(study)
+    *fitted, predicted = estimate.records
+    assert estimate.converged and estimate.explained
+    assert all(record.rmse < 1.1 * student_rig.NOISE for record in fitted)
+    assert predicted.role == "validate" and predicted.rmse < 1.15 * student_rig.NOISE
+    found = {path: p.value for path, p in estimate.parameters.items()}
+    assert found["piezo.gain"] == pytest.approx(student_rig.STACK["gain"], rel=0.02)
+    assert found["piezo.natural_frequency"] == pytest.approx(student_rig.STACK["natural_frequency"], rel=0.01)
+    by_mass = student_rig.POSED_MASS / student_rig.MASS
+    assert found["friction.sigma0"] == pytest.approx(by_mass * student_rig.CONTACT["sigma0"], rel=0.05)
+    assert student_rig.draw(estimate).axes
+
+
+def test_a_made_up_record_has_its_noise_and_its_contact_free():
+    study = which_law.measured("lugre", 1, 2e-3)
+    (record,) = study.records
+    assert record.time.size == 100 and record.noise == which_law.NOISE
+    free = {path for path, parameter in study.parameters.items() if parameter.free}
+    assert free == {f"friction.{name}" for name in which_law.CONTACTS["lugre"]}
+
+
+def test_dense_samples_tell_a_law_with_damping_from_coulombs():
+    found = which_law.answered("lugre", 2, 5e-4, ["coulomb"], Here())
+    assert found["coulomb"].is_worse and found.chosen == "lugre"
+    assert which_law.row("lugre", 2, 5e-4, found).ours == "lugre"

@@ -8,17 +8,20 @@ alike.  The quick version has few actuators of the published structure; `experim
 from collections.abc import Iterable, Iterator
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from experiments.actuator_structure import Structure
-from experiments.derivative_judge import VALUES, Judge, Verdict
+from experiments.derivative_judge import REVERSE, VALUES, Judge, Verdict
 from experiments.map_of_rightness import drawn, wrongs
-from experiments.random_actuators import PUBLISHED, STRUCTURES
+from experiments.random_actuators import LAWS, PUBLISHED, STRUCTURES
+from pdssjax import Accuracy
 from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.integration import TIGHT
 
-QUICK = {"deflection, backward, 5 Hz": 6}
 MANY = 3
+
 
 ONCE_WRONG = {
     "force, forward, 5 Hz": (131, 176),
@@ -53,11 +56,6 @@ def verdicts(name: str, numbers: Iterable[int]) -> dict[int, Verdict]:
 def check(name: str, found: dict[int, Verdict]) -> None:
     told = dict(zip(found, wrongs(name, list(found.values())), strict=True))
     assert not any(told.values()), told
-
-
-@pytest.mark.parametrize("name", QUICK)
-def test_some_actuators(name):
-    check(name, verdicts(name, range(QUICK[name])))
 
 
 @pytest.mark.slow
@@ -106,3 +104,119 @@ def test_a_narrow_transition_to_sliding_is_resolved_for_derivatives():
 def test_every_unit_has_its_structure():
     assert {structure.unit for structure in STRUCTURES.values()} == set(VALUES)
     assert len(PUBLISHED) == 4
+
+
+class Made:
+    """A structure of two parameters whose record is given in closed form."""
+
+    def __init__(self, wrong=0.0, jump=0.0, width=0.0):
+        self.nominal, self.times = {"a.slow": 1.0, "b.jump": 1.0}, np.linspace(0.0, 1.0, 20)
+        self.wrong, self.jump, self.width = wrong, jump, width
+
+    def slopes(self, factors):
+        """The derivative of `values`, the second column off by the part `wrong`."""
+        return np.stack([np.cos(factors[0] + self.times), (1.0 + self.wrong) * np.ones(20)], axis=1)
+
+    def values(self, factors):
+        steps = self.width * np.floor(factors[1] / self.width + 0.3) if self.width else 0.0
+        return np.sin(factors[0] + self.times) + factors[1] + self.jump * (factors[1] > 0.0) + steps
+
+
+def made_judge(made, failed=False, back=1.0):
+    """A judge to whom both accuracies show the same."""
+    found = Judge(made)
+    found.values = lambda factors, accuracy: made.values(factors)
+    jacobian = lambda factors: made.slopes(factors) * (np.nan if failed else 1.0)
+    found.slopes = lambda factors, accuracy: (jacobian(factors), back * (found.weights @ jacobian(factors)))
+    return found
+
+
+def test_a_wrong_column_a_discontinuity_a_failure_and_a_wrong_reverse_mode_are_told_apart():
+    at = np.zeros(2)
+    right = made_judge(Made()).verdict(at)
+    assert right.is_right and right.error < 1e-8 and right.discontinuity is None and right.above == 0
+    wrong = made_judge(Made(wrong=2e-3)).verdict(at)
+    assert not wrong.is_right and not wrong.is_cliff and wrong.column == "b.jump" and wrong.above == 1
+    assert wrong.error == pytest.approx(2e-3, rel=1e-3) and wrong.tight == pytest.approx(2e-3, rel=1e-3)
+    jumping = made_judge(Made(jump=1e-6)).verdict(at)
+    assert jumping.is_cliff and jumping.is_right and jumping.above == 0 and jumping.error > 1e-3
+    assert made_judge(Made(), failed=True).verdict(at).failure == "usual"
+    backward = made_judge(Made(), back=1.0 + 1e-6).verdict(at)
+    assert not backward.is_right and backward.reverse > REVERSE
+
+
+@pytest.mark.parametrize("width", [3e-6, 3e-8, 3e-10])
+def test_a_derivative_between_many_discontinuities_is_seen_by_fine_differences(width):
+    verdict = made_judge(Made(width=width)).verdict(np.zeros(2))
+    assert verdict.is_right and not verdict.is_cliff and verdict.error < 1e-4 and verdict.discontinuity is not None
+    assert not made_judge(Made(width=width, wrong=2e-3)).verdict(np.zeros(2)).error < 1e-3
+
+
+def test_a_record_that_shows_nothing_has_right_derivatives():
+    still = Made()
+    still.slopes = lambda factors: np.zeros((20, 2))
+    still.values = lambda factors: np.zeros(20)
+    verdict = made_judge(still).verdict(np.zeros(2))
+    assert verdict.is_right and verdict.reverse == 0.0 and verdict.error == 0.0
+
+
+COUNT = 10
+
+
+STEPS = (1e-5, 1e-6, 1e-4)
+
+
+FINE_STEPS = (1e-8, 1e-9, 1e-10)
+"""For the bristle law: of hundreds of bonds that snap each depends on those before, and gradients bend within 1e-6."""
+
+
+ASKED = 1e-4
+"""Of the norm of the matrix."""
+
+
+@pytest.fixture(autouse=True)
+def a_law_at_a_time() -> Iterator[None]:
+    yield
+    jax.clear_caches()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*PUBLISHED, *LAWS])
+def test_second_derivatives_of_random_actuators_beside_differences_of_gradients(name):
+    apart = errors(name, range(COUNT))
+    assert max(apart.values()) < ASKED, apart
+
+
+@pytest.mark.slow
+def test_second_derivatives_that_do_not_exist_are_nan_and_first_ones_are_not():
+    # Stiffnesses of 158 kN/m one way and 5.8 MN/m the other: as the contact comes to rest, every stop and slip shrinks
+    # its motion by a third to a fifth and multiplies its relative sensitivity by four.
+    structure = PUBLISHED["deflection, backward, 5 Hz"]
+    factors = structure.draw(np.random.default_rng([12, 44]))
+    last = lambda factors: structure.shown(factors, Accuracy())[-1]
+    assert np.isfinite(jax.jit(jax.grad(last))(factors)).all()
+    assert np.isnan(jax.jit(jax.hessian(last))(factors)).all()
+
+
+def errors(name: str, numbers: range) -> dict[int, float]:
+    """Of each actuator how far its second derivatives are from differences of gradients; checks that they commute."""
+    structure = (PUBLISHED | LAWS)[name]
+    weights = np.cos(np.arange(structure.times.size))
+
+    def score(factors, tolerance, rest):
+        accuracy = Accuracy(tolerance, rest, max_steps=60_000)
+        return jnp.sum(weights * structure.shown(factors, accuracy)) * 1e6
+
+    hessian, gradient = jax.jit(jax.hessian(score)), jax.jit(jax.grad(score))
+    found, steps = {}, FINE_STEPS if name == "bristle" else STEPS
+    for number in numbers:
+        factors = structure.draw(np.random.default_rng([12, number]))
+        bends = np.asarray(hessian(factors, Accuracy().tolerance, Accuracy().settle_tolerance))
+        assert np.abs(bends - bends.T).max() <= 1e-8 * np.abs(bends).max()
+        slope = lambda at: np.asarray(gradient(at, TIGHT.tolerance, TIGHT.settle_tolerance))
+        unit = np.eye(len(factors))
+        differences = [
+            np.stack([slope(factors + h * e) - slope(factors - h * e) for e in unit]) / (2.0 * h) for h in steps
+        ]
+        found[number] = min(np.linalg.norm(bends - each) for each in differences) / np.linalg.norm(bends)
+    return found

@@ -1,14 +1,23 @@
-"""The Monte Carlo behind the thesis's question can be killed and run again, on any executor; its numbers hold."""
+"""Monte Carlo experiments on errors: they can be killed and run again, and cover what the documentation says."""
 
 import concurrent.futures
-import json
+import dataclasses
 
 import numpy as np
 import pytest
 
-from experiments import common, error_propagation, linear_draws, moved_stack, three_ways, three_ways_report
-from experiments.draws import read_tasks, run_tasks
-from experiments.three_ways import SCENARIOS, WAYS, Scenario
+from experiments import (
+    common,
+    error_coverage,
+    error_propagation,
+    linear_draws,
+    moved_stack,
+    three_ways,
+    three_ways_report,
+    wrong_law,
+)
+from experiments.draws import run_tasks
+from experiments.three_ways import SCENARIOS, WAYS
 
 TASKS = {f"root-{n:02d}": (n,) for n in range(12)}
 
@@ -52,50 +61,6 @@ def test_a_run_that_was_killed_ends_as_if_it_had_not_been(tmp_path):
     assert run_tasks(TASKS, seeded, broken, Immediately(0)) == 0
 
 
-def test_results_of_other_arguments_do_not_count(tmp_path):
-    run_tasks(TASKS, seeded, tmp_path, Immediately())
-    changed = TASKS | {"root-03": (30,)}
-    again = Immediately()
-    assert run_tasks(changed, seeded, tmp_path, again) == 1
-    assert again.done == [(30,)]
-    results = dict(read_tasks(changed, tmp_path))
-    assert results["root-03"] == seeded(30) and results["root-04"] == seeded(4)
-
-
-def test_any_executor_gives_the_same_and_no_more_is_asked_of_it_than_may_be(tmp_path):
-    run_tasks(TASKS, seeded, tmp_path / "one", Immediately())
-    with concurrent.futures.ThreadPoolExecutor(3) as pool:
-        counted = Counted(pool)
-        run_tasks(TASKS, seeded, tmp_path / "threads", counted, ahead=4)
-    assert files(tmp_path / "one") == files(tmp_path / "threads")
-    assert counted.most <= 4
-
-
-class Counted(concurrent.futures.Executor):
-    """Hands on to another executor, and counts what is not finished."""
-
-    def __init__(self, inner):
-        self.inner, self.futures, self.most = inner, [], 0
-
-    def submit(self, task, /, *arguments, **named):
-        self.futures.append(self.inner.submit(task, *arguments, **named))
-        self.most = max(self.most, sum(not future.done() for future in self.futures))
-        return self.futures[-1]
-
-
-def test_a_task_that_fails_ends_the_run_and_leaves_what_was_done(tmp_path):
-    def fails(number: int) -> dict[str, float]:
-        if number == 4:
-            raise ArithmeticError("four")
-        return seeded(number)
-
-    with concurrent.futures.ThreadPoolExecutor(1) as pool, pytest.raises(ArithmeticError, match="four"):
-        run_tasks(TASKS, fails, tmp_path, pool, ahead=1)
-    assert sorted(files(tmp_path)) == [f"root-{n:02d}.json" for n in range(4)]
-    with pytest.raises(FileNotFoundError, match=r"root-04\.json: found no result"):
-        list(read_tasks(TASKS, tmp_path))
-
-
 def test_bias_spread_and_coverage_are_those_of_known_errors():
     random = np.random.default_rng(1)
     error = np.expm1(0.02 + 0.1 * random.standard_normal((4000, 1)))
@@ -107,12 +72,6 @@ def test_bias_spread_and_coverage_are_those_of_known_errors():
     assert cell.covered(said / 2, [0]) == pytest.approx(0.67, abs=0.02)
     row = three_ways_report.bias_table([cell], ["friction.sigma0"]).splitlines()[-1]
     assert row == f"| x | peaks | {100 * cell.bias[0]:+.1f} ({50 * cell.bias[0]:+.1f}) |"
-
-
-def test_the_scenarios_differ_in_what_they_say_and_share_their_noise():
-    assert len({s.name for s in SCENARIOS}) == len(SCENARIOS)
-    assert {s.interval for s in SCENARIOS} == {50e-6, 10e-6}
-    assert {s.one_step for s in SCENARIOS} == {s.late for s in SCENARIOS} == {True, False}
 
 
 @pytest.mark.parametrize(
@@ -162,12 +121,6 @@ def test_the_monte_carlo_at_a_small_size_gives_its_table_and_figure_and_resumes(
 
 
 @pytest.mark.slow
-def test_what_is_drawn_does_not_depend_on_what_was_drawn_before():
-    scenario = Scenario("50 us, one step", one_step=True)
-    assert json.dumps(three_ways.draw(scenario, 1)) == json.dumps(three_ways.draw(scenario, 1))
-
-
-@pytest.mark.slow
 def test_a_stack_moved_a_little_moves_the_friction_as_the_amplification_says():
     """Every entry within 2 %; the friction starts at the truth, to which the records are exact."""
     rig = three_ways.rig_of(SCENARIOS[0])
@@ -186,3 +139,53 @@ def test_a_stack_moved_a_little_moves_the_friction_as_the_amplification_says():
     refitted = (ends[0] - ends[1]) / (2.0 * steps)
     np.testing.assert_allclose(refitted, linear, rtol=0.02)
     np.testing.assert_allclose(moves[0].base, [truth[path] for path in moves[0].paths], rtol=1e-6)
+
+
+def test_it_counts_and_draws():
+    few = error_coverage.SITUATIONS[1]._replace(scattered=True)
+    found = {"few": error_coverage.coverage(few, 2)}
+    assert found["few"].shape == (2, 3, 4)
+    assert len(error_coverage.rows(found)) == 6
+    error_coverage.draw(found).draw_without_rendering()
+
+
+@pytest.mark.slow  # a minute a situation
+@pytest.mark.parametrize("situation", error_coverage.SITUATIONS, ids=lambda situation: situation.name)
+def test_the_pseudo_true_parameters_are_covered_whatever_the_misfit_and_the_colour(situation):
+    pseudo, physical = error_coverage.coverage(situation, 150)
+    white, coloured, whole = pseudo
+    assert np.all((coloured > 0.90) & (coloured < 0.99))  # 0.95 within three standard deviations of chance
+    assert np.all(whole >= coloured)
+    if situation.correlation:
+        assert white.min() < 0.86
+    if situation.name == "smooth":
+        assert np.all((physical[2] > 0.90) & (physical[2] < 0.99))
+        assert np.all(physical[1] < 0.7)
+
+
+@pytest.fixture
+def study(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return wrong_law.planned("lugre", wrong_law.RIGHT)
+
+
+def test_the_voltage_falls_in_a_time_and_rings_on(study):
+    step, forward, backward = map(wrong_law.ringing, study.records)
+    assert step.drive == study.records[0].drive
+    period = 1.0 / wrong_law.FREQUENCY
+    for record, ends in ((forward, (1.0, 0.0)), (backward, (0.0, 1.0))):
+        times, volts = record.drive.times, record.drive.voltages
+        plain = dataclasses.replace(
+            next(r for r in study.records if r.name == record.name).drive, fall_time=wrong_law.FALL
+        ).at(times)
+        ring = (volts - plain) / wrong_law.VOLTAGE
+        after = (times > 2 * period) & (times < 3 * period) & (ring != 0.0)
+        assert times[after][0] > 2 * period + wrong_law.FALL
+        first = np.argmax(np.abs(ring[after]))
+        # On beyond the end of the flank, first, by what decays in a quarter of a cycle.
+        assert np.sign(ring[after][first]) == ends[1] - ends[0]
+        assert 0.05 < np.abs(ring[after]).max() < wrong_law.OVERSHOOT
+        at = lambda t, times=times, volts=volts: volts[np.flatnonzero(np.isclose(times, t))[0]] / wrong_law.VOLTAGE
+        assert (at(2 * period), at(2 * period + wrong_law.FALL)) == pytest.approx(ends)
+    first = forward.drive.times < period
+    assert np.all(np.diff(forward.drive.voltages[first]) > 0.0), "the first cycle rises only"

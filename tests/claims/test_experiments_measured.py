@@ -2,7 +2,6 @@
 
 import json
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +10,7 @@ from tribometer_record import TRIBOMETER
 import pdssjax
 from experiments import fits, identification, measured_fits, measured_laws, tribometer
 from pdssjax import Accuracy, Taylor
-from pdssjax.files import EXAMPLE
 from pdssjax.inference import guess_starts
-from pdssjax.metrics import r_squared
 
 
 def loops_of_dahl(stiffness: float, level: float, speed: float = 2e-4):
@@ -49,15 +46,6 @@ def test_a_friction_record_alone_tells_where_its_law_starts(tmp_path, stiffness,
     assert level / 2.5 < starts["friction.f_ss"] < 2.5 * level
     assert stiffness / 2.5 < starts["friction.sigma0"] < 2.5 * stiffness
     assert starts["friction.sigma1"] * 2e-4 < level, "damping does not drown the force"
-
-
-def test_the_error_that_an_r2_amounts_to_gives_that_r2_back():
-    study = pdssjax.load_study(EXAMPLE / "study.toml")
-    walk = next(record for record in study.records if record.name == "5 Hz A")
-    error = 1e-6 * identification.misfit(0.9987, walk)
-    assert error == pytest.approx(0.4787e-6, rel=1e-3)
-    wrong = walk.measured + error * np.resize([1.0, -1.0], walk.measured.size)
-    assert r_squared(walk.measured, wrong) == pytest.approx(0.9987, abs=1e-9)
 
 
 @pytest.mark.slow
@@ -104,16 +92,6 @@ def test_the_paper_s_parameters_are_not_a_contact_s():
     assert measured_fits.verdict(measured_fits.judge(paper)).startswith("not possible")
 
 
-@pytest.mark.parametrize(("held_out", "verdict"), [((0.07, 0.08), "it is dahl"), ((0.08, 0.07), "does not tell")])
-def test_a_law_is_named_only_where_aic_and_the_cycles_held_out_agree(held_out, verdict):
-    results = [
-        SimpleNamespace(law=law, held_out=left, whole=SimpleNamespace(aic=aic))
-        for law, left, aic in zip(("dahl", "coulomb"), held_out, (100.0, 147.0), strict=True)
-    ]
-    said = measured_laws.which_law(results)
-    assert verdict in said and "AIC prefers dahl, by 47 over coulomb" in said
-
-
 def test_a_raw_tribometer_record_becomes_loops_without_its_rests(tmp_path):
     time = np.arange(0.0, 175.0, 0.005)
     way = np.interp((time - 9.0) % 4.0, [0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 0.23, 0.23, 0.0, 0.0]) * (time > 9.0)
@@ -127,11 +105,6 @@ def test_a_raw_tribometer_record_becomes_loops_without_its_rests(tmp_path):
         assert np.ptp(part[:, 1]) == pytest.approx(0.23e-3, rel=1e-3)
         assert 100 < len(part) < 150, "rests are two samples each"
         assert tribometer.repeatability(part) < 0.05 * 2.35
-
-
-def test_without_its_record_the_tribometer_says_where_it_can_be_had(elsewhere, capsys):
-    tribometer.main([str(elsewhere / "nowhere.tsv")])
-    assert "test_data_2.txt" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy import stats
 from walk_files import guessed, study_of, text_of
 
-from experiments import from_files
-from experiments.from_files import TRUTH, Rig, drawn_rig, told, true_flanks, write_files
+from experiments.from_files import TRUTH, Rig, told, true_flanks, write_files
 from pdssjax import identify, load_study
 from pdssjax.cli import main as cli
 from pdssjax.study import make_recordings
@@ -72,44 +70,6 @@ def test_a_noisy_voltage_is_in_the_error_of_the_gain(tmp_path):
         off.append((gain.value - 0.152e-6) / gain.standard_error)
     assert 0.82 < np.sqrt(np.mean(np.square(off))) < 1.18
     assert np.count_nonzero(np.abs(off) < 1.96) >= 53
-
-
-def test_rigs_differ_and_are_the_same_again():
-    first, second = drawn_rig(1), drawn_rig(2)
-    assert first == drawn_rig(1)
-    not_drawn = {"bias", "waveform"}
-    assert all(getattr(first, name) != getattr(second, name) for name in set(first._fields) - not_drawn)
-    assert set(first.truth) == set(TRUTH) and all(first.truth[path] != TRUTH[path] for path in TRUTH)
-    drawn = [drawn_rig(number) for number in range(50)]
-    for field, low, high in (("interval", 2e-5, 1e-4), ("fall", 2e-5, 4e-4), ("rise", 0.0, 2e-4), ("voltage", 20, 80)):
-        values = [getattr(rig, field) for rig in drawn]
-        assert low <= min(values) < max(values) <= high
-
-
-def result(number, **changes):
-    """A rig of which everything is found within a standard error of 1 % that is right."""
-    random = np.random.default_rng(number)
-    parameters = {}
-    for path in [*TRUTH, "sensor.delay@step", "sensor.delay@forward"]:
-        off = random.standard_normal()
-        parameters[path] = [1.0, 1.0 + 0.01 * off, 0.01, [1.0 + 0.01 * (off - 1.96), 1.0 + 0.01 * (off + 1.96)]]
-    distance = float(stats.chi2(len(TRUTH)).rvs(random_state=random))
-    return {"new": 0, "status": 0, "seconds": 9.0, "parameters": parameters, "distance": distance} | changes
-
-
-def test_endings_and_intervals_are_counted():
-    blank = {**result(0)["parameters"], "piezo.gain": [1.0, 1.0, None, [None, None]]}
-    odd = [{"new": 2, "words": "?"}, {"new": 0, "status": from_files.GIVEN_UP, "seconds": 1800.0}]
-    results = [result(number) for number in range(400)] + odd + [result(0, status=3, parameters=blank)]
-    rows = {row.name: row.ours for row in from_files.table(results)}
-    assert rows["a question of new"] == rows["given up"] == rows["exit status 3"] == "1 of 403"
-    assert rows["exit status 0"] == "400 of 403"
-    assert rows["distance of the truth, mean"] == pytest.approx(9.0, abs=1.0)
-    assert rows["chance of such a distribution of it"] > 1e-3
-    assert len(from_files.ended(results)) == 400
-    shares = from_files.coverage(results)
-    np.testing.assert_allclose(list(shares.values()), 95.0, atol=4.0)
-    assert [path for path in shares if "sensor" in path] == ["sensor.delay"]
 
 
 def test_the_flanks_that_a_study_leaves_open_are_those_of_the_rig(tmp_path):

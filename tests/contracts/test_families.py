@@ -6,16 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from law_steps import misfit
+from parts import AnisotropicLuGre, Bristle, LuGre, SimplifiedLuGre
 from scipy.integrate import solve_ivp
 from sliding import slid
 
 from pdssjax import AbstractDrive, AbstractFriction, AbstractPiezo
 from pdssjax.core import member, members, quantities
 from pdssjax.drive.base import Segment, Wave
-from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.friction.bristle import Bristle
-from pdssjax.friction.lugre import LuGre
-from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 
 INTERFACES = {"drive": AbstractDrive, "piezo": AbstractPiezo, "friction": AbstractFriction}
 EVERYONE = [(family, name) for family in INTERFACES for name in members(family)]

@@ -1,4 +1,6 @@
-"""Arguments of a wrong shape or order are refused by name."""
+"""Arguments of a wrong kind, shape or order are refused by name, before any work."""
+
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -6,7 +8,9 @@ import numpy as np
 import pytest
 
 import pdssjax
+from pdssjax import InputError
 from pdssjax.core import ascending_times, require_float64
+from pdssjax.files import EXAMPLE
 
 
 @pytest.mark.parametrize(
@@ -45,3 +49,29 @@ def test_single_precision_is_refused_by_the_name_of_the_call():
     require_float64("simulate")
     with jax.enable_x64(False), pytest.raises(pdssjax.InputError, match="simulate: found JAX in single precision"):
         require_float64("simulate")
+
+
+STUDY = pdssjax.load_study(EXAMPLE / "study.toml")
+
+
+PATH = EXAMPLE / "study.toml"
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: pdssjax.identify(PATH), r"^study: found .*, expected a Study, as load_study gives it\.$"),
+        (lambda: pdssjax.identify(STUDY, drawing=5), r"^drawing: found 5, expected a Drawing\.$"),
+        (lambda: pdssjax.identify(STUDY, executor=3), r"^executor: found 3, expected an Executor\.$"),
+        (lambda: pdssjax.identify(STUDY, accuracy=1e-9), r"^accuracy: found 1e-09, expected an Accuracy\.$"),
+        (lambda: pdssjax.initial_guess(str(PATH)), r"^study: found '.*', expected a Study"),
+        (lambda: pdssjax.pose_problem(Path("x")), r"^study: found .*, expected a Study"),
+        (lambda: STUDY.predict(5), r"^values: found 5, expected a Mapping\.$"),
+        (lambda: STUDY.with_values([1.0]), r"^values: found \[1\.0\], expected a Mapping\.$"),
+        (lambda: pdssjax.sweep(PATH, {"drive.voltage": [60.0]}), r"^study: found .*, expected a Study"),
+        (lambda: pdssjax.sweep(STUDY, 3), r"^over: found 3, expected a Mapping\.$"),
+    ],
+)
+def test_an_argument_of_another_kind_is_named(call, told):
+    with pytest.raises(InputError, match=told):
+        call()

@@ -1,4 +1,4 @@
-"""Compiled code outlives the process where it may, a missing place for it is no trouble, and it is compiled lightly."""
+"""JAX as a program sets it up: what is compiled is kept where it may be, light and checked; one BLAS thread."""
 
 import functools
 import gc
@@ -6,16 +6,30 @@ import os
 import subprocess
 import sys
 
+import jax
+import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from pdssjax import InputWarning, prepare_jax
+from pdssjax.cli.main import main
+from pdssjax.core import MiscompilationError, jax_setup, one_blas_thread
 from pdssjax.core.jax_setup import add_xla_flags, cache_folder, in_jaxlib, usable_cache, xla_flags
 
 LIGHT = "--xla_cpu_use_fusion_emitters=false"
+
+
 WHOLE = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
+
+
 LEVEL = "--xla_backend_optimization_level=1"
+
+
 SUMS = "--xla_disable_hlo_passes=tree_reduction_rewriter"
+
+
 PARTS = "--xla_cpu_parallel_codegen_split_count=1"
+
 
 PROGRAM = """
 from pdssjax.core import prepare_jax
@@ -129,3 +143,83 @@ def test_a_jaxlib_holds_the_names_of_its_flags():
     assert in_jaxlib("xla_backend_extra_options")
     assert in_jaxlib("xla_cpu_use_fusion_emitters") == (LIGHT in xla_flags())
     assert not in_jaxlib("xla_backend_extra_opti")
+
+
+def last_row_lost(matrix, rows):
+    """What jaxlib 0.10.2 makes of the squares."""
+    found = np.sum((rows @ matrix) ** 2, axis=1)
+    found[-1] = found[-2]
+    return found
+
+
+@pytest.fixture
+def miscompiled(monkeypatch, tmp_path):
+    monkeypatch.setenv("PDSSJAX_CACHE", str(tmp_path))
+    monkeypatch.setattr(jax_setup, "_squares", last_row_lost)
+    jax_setup._run_once.cache_clear()
+    before = jax.config.jax_compilation_cache_dir
+    yield tmp_path
+    jax.config.update("jax_compilation_cache_dir", before)
+    jax_setup._run_once.cache_clear()
+
+
+def test_a_wrong_result_is_refused_with_what_was_computed_and_what_to_install(miscompiled):
+    for _ in range(2):  # it is never taken for checked
+        with pytest.raises(MiscompilationError) as raised:
+            prepare_jax()
+    message = str(raised.value)
+    assert f"jaxlib {jax_setup.jaxlib_version} computes wrongly" in message
+    assert "row 16384: found 268402689, expected 268435456" in message
+    assert f"pip install 'jax>=0.10.1,!={jax_setup.jaxlib_version}'" in message
+    assert not list(miscompiled.glob("compiler-checked-*"))
+
+
+def test_without_a_cache_it_is_refused_too(miscompiled):
+    with pytest.raises(MiscompilationError, match="computes wrongly"):
+        jax_setup.check_compiler(None)
+
+
+def test_the_command_line_refuses(miscompiled, capsys):
+    assert main(["identify", "--out", str(miscompiled / "out")]) == 2
+    assert "computes wrongly" in capsys.readouterr().err
+    assert not (miscompiled / "out").exists()
+
+
+def test_a_right_result_is_checked_once_for_a_jaxlib_and_its_flags(tmp_path, monkeypatch):
+    """The package's own run, compiled."""
+    jax_setup._run_once.cache_clear()
+    jax_setup.check_compiler(tmp_path)
+    (stamp,) = tmp_path.glob("compiler-checked-*")
+    monkeypatch.setattr(jax_setup, "_squares", last_row_lost)
+    jax_setup._run_once.cache_clear()
+    jax_setup.check_compiler(tmp_path)
+    assert list(tmp_path.glob("compiler-checked-*")) == [stamp]
+    monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=true")
+    with pytest.raises(MiscompilationError, match="with XLA_FLAGS=--xla_cpu_enable_fast_math=true"):
+        jax_setup.check_compiler(tmp_path)
+
+
+def threads():
+    np.linalg.qr(np.eye(3))
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+def test_within_it_is_one_and_afterwards_what_it_was():
+    with threadpool_limits(2, user_api="blas"):
+        with one_blas_thread():
+            assert threads() == {1}
+        assert threads() == {2}
+
+
+def test_a_function_that_raises_leaves_it_as_it_was():
+    @one_blas_thread()
+    def failing():
+        assert threads() == {1}
+        raise KeyError
+
+    with threadpool_limits(2, user_api="blas"):
+        for _ in range(2):
+            try:
+                failing()
+            except KeyError:
+                assert threads() == {2}

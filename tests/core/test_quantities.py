@@ -1,4 +1,4 @@
-"""A model's numbers are arrays of double precision, legal ones, as soon as it is made."""
+"""A model's numbers are arrays of double precision, legal ones, as soon as it is made; they are shown with units."""
 
 import pickle
 import subprocess
@@ -9,15 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from parts import BlimanSorine, Coulomb, Sampled, Sawtooth, SecondOrder, SimplifiedLuGre, Sine
 
 import pdssjax
 from pdssjax.core import as_single
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.drive.sine import Sine
-from pdssjax.friction.bliman_sorine import BlimanSorine
-from pdssjax.friction.coulomb import Coulomb
-from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.piezo.second_order import SecondOrder
 
 
 def actuator(mass):
@@ -141,3 +136,19 @@ def test_a_limit_of_a_law_is_legal_where_it_is_declared_so():
         SimplifiedLuGre(sigma1=-1.0)
     with pytest.raises(pdssjax.InputError, match=r"BlimanSorine.eta: found 1.1, expected a value .* at most 1\."):
         BlimanSorine(eta=1.1)
+
+
+def test_models_show_values_and_units():
+    assert repr(pdssjax.Effector(0.1)) == "Effector(mass=0.1 kg, load=0 N, tilt=0 rad)"
+    assert "gain=1.007e-07 m/V, natural_frequency=6736 rad/s" in repr(SecondOrder())
+    assert "direction=backward" in repr(Sawtooth(direction="backward"))
+    shown = repr(pdssjax.Actuator(SecondOrder(), SimplifiedLuGre(), pdssjax.Effector(0.086)))
+    assert "friction=SimplifiedLuGre(sigma0=" in shown and "effector=Effector(mass=0.086 kg" in shown
+    assert "amplifier=None" in shown
+
+
+def test_arrays_and_traced_numbers_show_their_shapes():
+    assert "times=f64[2]" in repr(Sampled(np.array([0.0, 1.0]), np.array([0.0, 1.0])))
+    shown = []
+    jax.jit(lambda drive: shown.append(repr(drive)))(Sawtooth())
+    assert shown[0].startswith("Sawtooth(voltage=")

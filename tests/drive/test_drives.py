@@ -6,19 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from parts import Cycloidal, Sampled, Sawtooth, SecondOrder, Sine, Step, Trapezoid, Triangle
 
 from pdssjax import AbstractDrive
 from pdssjax.actuator import ZeroOrderHold
 from pdssjax.core import member, members, quantities
 from pdssjax.drive.base import Segment, Voltage
-from pdssjax.drive.cycloidal import Cycloidal
-from pdssjax.drive.sampled import Sampled
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.drive.sine import Sine
-from pdssjax.drive.step import Step
-from pdssjax.drive.trapezoid import Trapezoid
-from pdssjax.drive.triangle import Triangle
-from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import platform
 
 OWN = {
@@ -27,10 +20,7 @@ OWN = {
     for number, drive in enumerate(member("drive", name).examples(), 1)
 }
 SAMPLES = OWN["sampled 2"]
-DRIVES = OWN | {
-    "held": ZeroOrderHold(Triangle(30.0, 20.0, 0.3), 1e-3),
-    "held samples": ZeroOrderHold(SAMPLES, 7e-4),
-}
+DRIVES = OWN | {"held": ZeroOrderHold(Triangle(30.0, 20.0, 0.3), 1e-3), "held samples": ZeroOrderHold(SAMPLES, 7e-4)}
 EVERY = pytest.mark.parametrize("name", DRIVES)
 EVERY_OWN = pytest.mark.parametrize("name", OWN)
 END = 0.45

@@ -9,6 +9,8 @@ from walking_study import write_made_estimate, write_made_sweep, write_walking
 
 from pdssjax import load_study
 
+pytestmark = pytest.mark.slow  # by default `test_page_parts` presses the buttons, and `test_server` refuses strangers
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -163,7 +165,6 @@ def test_the_contact_and_the_estimate_have_tabs(page):
     assert all(box["x"] + box["width"] <= 1366 for box in boxes)
 
 
-@pytest.mark.slow
 def test_a_point_of_the_map_is_clicked_and_walks(page):
     show_tab(page, "Sweep")
     said(page, "point-told", "point 6: drive.voltage: 60 V, drive.frequency: 10 Hz")
@@ -184,7 +185,6 @@ def test_a_point_of_the_map_is_clicked_and_walks(page):
     shows(number, "11")
 
 
-@pytest.mark.slow  # by default `test_page_parts` presses the buttons
 def test_a_fit_is_cancelled_and_the_page_goes_on(page):
     show_tab(page, "Record")
     page.locator(".fit button").click()
@@ -193,7 +193,6 @@ def test_a_fit_is_cancelled_and_the_page_goes_on(page):
     assert page.locator(".fit button").is_enabled()
 
 
-@pytest.mark.slow
 def test_a_fit_from_here_moves_the_sliders_to_the_estimate(page):
     gain = field(page, "piezo-gain")
     gain.fill("0.095")
@@ -244,7 +243,6 @@ def test_it_starts_anew_where_it_began(page):
     )
 
 
-@pytest.mark.slow
 def test_a_page_is_closed_while_it_computes_and_the_others_go_on(page, address):
     """What fails is seen at the end: `served` looks through all that the command has told."""
     other = page.context.browser.new_page()

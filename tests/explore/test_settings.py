@@ -1,21 +1,26 @@
-"""Where sliders stand, what can be turned, and the study with their numbers."""
+"""Where sliders stand and what they reach, what can be turned, and the study with their numbers."""
 
 import platform_study
 import pytest
 import study_files
 
 from pdssjax import InputError, load_study
+from pdssjax.core import Quantity
 from pdssjax.explore.settings import (
+    POSITIONS,
     changed_drives,
     drive_choices,
     drive_knobs,
     parameter_knobs,
     settings_of,
+    slider_range,
     study_at,
     to_be_fitted,
 )
 
 TEXT = study_files.changed('"piezo.natural_frequency" = {}', '"piezo.natural_frequency" = { start = "1 kHz" }')
+
+
 for _name, _number in {"sigma0": 1e6, "sigma1": 45, "f_ss": 0.65}.items():
     TEXT = TEXT.replace(f'"friction.{_name}" = {{}}', f'"friction.{_name}" = {{ start = {_number} }}')
 
@@ -109,3 +114,66 @@ def test_parameters_without_a_number_are_asked_for_by_name(tmp_path):
     study = load_study(platform_study.write_platform(tmp_path))
     with pytest.raises(InputError, match=r"found no number for piezo\.gain, .*--guess"):
         settings_of(study)
+
+
+POSITIVE = Quantity(1.0, "N/m", True, 0.0, float("inf"), False)
+
+
+SIGNED = Quantity(0.0, "N", False, -float("inf"), float("inf"), True)
+
+
+FROM_ZERO = Quantity(0.0, "s", False, 0.0, float("inf"), True)
+
+
+SHARE = Quantity(1.0, "", True, 0.0, 1.0, True)
+
+
+def test_a_positive_number_has_a_decade_either_way_by_equal_ratios():
+    found = slider_range(POSITIVE, 2e6)
+    assert (found.low, found.high, found.logarithmic) == (pytest.approx(2e5), pytest.approx(2e7), True)
+    assert found.position(2e6) == POSITIONS // 2
+    assert found.number(POSITIONS // 2) == 2e6
+    assert found.number(POSITIONS) / found.number(POSITIONS - 1) == pytest.approx(10 ** (2 / POSITIONS), rel=1e-3)
+
+
+def test_the_bounds_of_a_study_are_the_ends():
+    found = slider_range(POSITIVE, 2e6, 1e6, 5e6)
+    assert (found.low, found.high) == (1e6, 5e6)
+    assert slider_range(POSITIVE, 2e6, 0.0, 5e6).low > 0
+
+
+@pytest.mark.parametrize(
+    ("quantity", "number", "ends"),
+    [
+        (SIGNED, 0.0, (-1.0, 1.0)),
+        (SIGNED, 0.3, (0.0, 0.6)),
+        (SIGNED, -0.3, (-0.6, 0.0)),
+        (FROM_ZERO, 0.0, (0.0, 2e-3)),
+        (FROM_ZERO, 5e-3, (0.0, 1e-2)),
+    ],
+)
+def test_others_go_linearly(quantity, number, ends):
+    found = slider_range(quantity, number)
+    assert (found.low, found.high) == pytest.approx(ends)
+    assert not found.logarithmic
+    assert found.number(found.position(number)) == pytest.approx(number)
+
+
+def test_a_slider_stays_below_an_end_that_is_not_legal():
+    found = slider_range(SHARE, 0.5)
+    assert 0.5 < found.number(POSITIONS) < 1.0
+    assert found.widened(0.01, SHARE).high < 1.0
+
+
+@pytest.mark.parametrize("quantity", [POSITIVE, SIGNED])
+def test_positions_and_numbers_belong_together(quantity):
+    found = slider_range(quantity, 0.7)
+    assert all(found.position(found.number(position)) == position for position in range(POSITIONS + 1))
+
+
+def test_a_number_typed_outside_widens_the_range():
+    found = slider_range(POSITIVE, 1.0).widened(500.0, POSITIVE)
+    assert found.low == 0.1
+    assert found.high > 500.0
+    assert slider_range(SIGNED, 0.3).widened(-2.0, SIGNED).low < -2.0
+    assert slider_range(POSITIVE, 1.0).widened(3.0, POSITIVE) == slider_range(POSITIVE, 1.0)

@@ -4,18 +4,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from parts import (
+    BlimanSorine,
+    Bristle,
+    Coulomb,
+    Dahl,
+    Elastoplastic,
+    GeneralizedMaxwellSlip,
+    LuGre,
+    ResetIntegrator,
+    SimplifiedLuGre,
+    Stribeck,
+)
 from sliding import drive, slid, zigzag
-
-from pdssjax.friction.bliman_sorine import BlimanSorine
-from pdssjax.friction.bristle import Bristle
-from pdssjax.friction.coulomb import Coulomb
-from pdssjax.friction.dahl import Dahl
-from pdssjax.friction.elastoplastic import Elastoplastic
-from pdssjax.friction.generalized_maxwell_slip import GeneralizedMaxwellSlip
-from pdssjax.friction.lugre import LuGre
-from pdssjax.friction.reset_integrator import ResetIntegrator
-from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.friction.stribeck import Stribeck
 
 VELOCITIES = (2e-4, -7e-4, 1.3e-3, -5e-3)
 

@@ -8,13 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from marks import slow
+from parts import AnisotropicLuGre, Dahl, Stribeck
 from scipy.integrate import solve_ivp
 from sliding import Contact
 
 from pdssjax.core import member, members, quantities
-from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.friction.dahl import Dahl
-from pdssjax.friction.stribeck import Stribeck
 from pdssjax.integration.taylor_series import Series, polynomial, taylor_coefficients
 
 LAWS = {name: member("friction", name)() for name in members("friction")} | {
@@ -52,7 +50,7 @@ def expanded(law, m, sign, elapsed, opaque_one, order=ORDER):
     """State and force after `lapse` [s] while the velocity grows steadily, by one power series.
 
     Run as it stands: to compile it for every law would take most of the time of the suite.  That the same series
-    are right compiled, too, `tests/integration/test_taylor_loop.py` tells.
+    are right compiled, too, `tests/integration/test_step_methods.py` tells.
     """
 
     def field(time, x):

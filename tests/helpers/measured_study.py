@@ -22,9 +22,7 @@ PARAMETERS = {
 }
 """Of every part that may move, as a study writes their numbers."""
 
-STICKS = {
-    "friction.f_c": '"0.65 N"',
-}
+STICKS = {"friction.f_c": '"0.65 N"'}
 """Of a contact that sticks, Coulomb's, in place of those of the friction."""
 
 NOISE = {"m": "0.01 um", "m/s": "5 um/s", "N": "2 mN", "m/s^2": "0.5 m/s^2"}

@@ -89,12 +89,7 @@ def _box_three(x):
 
 def _powell_singular(x):
     return jnp.stack(
-        [
-            x[0] + 10.0 * x[1],
-            np.sqrt(5.0) * (x[2] - x[3]),
-            (x[1] - 2.0 * x[2]) ** 2,
-            np.sqrt(10.0) * (x[0] - x[3]) ** 2,
-        ]
+        [x[0] + 10.0 * x[1], np.sqrt(5.0) * (x[2] - x[3]), (x[1] - 2.0 * x[2]) ** 2, np.sqrt(10.0) * (x[0] - x[3]) ** 2]
     )
 
 

@@ -6,11 +6,9 @@ from functools import cache
 import jax
 import jax.numpy as jnp
 import numpy as np
+from parts import AnisotropicLuGre, Sawtooth, SecondOrder
 
-from pdssjax import Accuracy, Actuator, Effector, simulate
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.piezo.second_order import SecondOrder
+from pdssjax import Accuracy, Actuator, Effector, Taylor, simulate
 from pdssjax.simulation import displacements
 from tests.reference.independent import Rig
 
@@ -39,37 +37,37 @@ def models(
 
 
 @cache
-def compiled(reading: str, feedback: bool, rests: bool = False, drive: type = Sawtooth):
+def compiled(reading: str, feedback: bool, method: Taylor, rests: bool = False, drive: type = Sawtooth):
     """`simulate` as a function of (numbers, times, tolerance, rest)."""
 
     def run(numbers, times, tolerance, settle_tolerance):
-        return simulate(*models(numbers, reading, feedback, drive, rests), times, Accuracy(tolerance, settle_tolerance))
+        accuracy = Accuracy(tolerance, settle_tolerance, method)
+        return simulate(*models(numbers, reading, feedback, drive, rests), times, accuracy)
 
     return jax.jit(run)
 
 
 @cache
-def compiled_jacobian(reading: str, feedback: bool):
+def compiled_jacobian(reading: str, feedback: bool, method: Taylor):
     """Derivatives of (platform, effector) with respect to the numbers, shape (2, samples, numbers)."""
 
     def run(numbers, times, tolerance, settle_tolerance):
-        return jnp.stack(
-            displacements(*models(numbers, reading, feedback), times, Accuracy(tolerance, settle_tolerance))
-        )
+        accuracy = Accuracy(tolerance, settle_tolerance, method)
+        return jnp.stack(displacements(*models(numbers, reading, feedback), times, accuracy))
 
     return jax.jit(jax.jacfwd(run))
 
 
 def trajectory(rig: Rig, times, accuracy: Accuracy, **kind):
     assert len(times) == SAMPLES
-    return compiled(rig.reading, rig.feedback, rig.rests_under_load, **kind)(
+    return compiled(rig.reading, rig.feedback, accuracy.method, rig.rests_under_load, **kind)(
         values(rig), times, accuracy.tolerance, accuracy.settle_tolerance
     )
 
 
 def jacobian(rig: Rig, times, accuracy: Accuracy) -> np.ndarray:
     assert len(times) == SAMPLES
-    run = compiled_jacobian(rig.reading, rig.feedback)
+    run = compiled_jacobian(rig.reading, rig.feedback, accuracy.method)
     return np.asarray(run(values(rig), times, accuracy.tolerance, accuracy.settle_tolerance))
 
 

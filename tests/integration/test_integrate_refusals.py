@@ -1,4 +1,7 @@
-"""What `integrate` says of runs that end early, and of what it cannot integrate."""
+"""What `integrate` says of runs that end early and of what it cannot integrate, and the page that explains it."""
+
+import re
+from pathlib import Path
 
 import diffrax
 import jax
@@ -7,6 +10,7 @@ import numpy as np
 import pytest
 from bouncing_ball import BouncingBall
 
+import pdssjax
 from pdssjax import InputError, Taylor
 from pdssjax.integration import HybridSystem, integrate
 
@@ -35,11 +39,7 @@ def test_a_mode_is_a_whole_number_from_0_on(mode):
 
 @pytest.mark.parametrize(
     ("given", "told"),
-    [
-        (lambda y: y > 0.0, "found bool"),
-        (lambda y: None, "NoneType"),
-        (lambda y: (y, jnp.ones(2)), "2,"),
-    ],
+    [(lambda y: y > 0.0, "found bool"), (lambda y: None, "NoneType"), (lambda y: (y, jnp.ones(2)), "2,")],
 )
 def test_guards_that_are_no_real_numbers_are_refused(given, told):
     class Falling(HybridSystem):
@@ -117,3 +117,24 @@ def test_what_cannot_be_integrated_is_refused(change, message):
     given = {"system": BouncingBall(), "t0": 0.0, "t1": 1.0, "y0": (0.8, 0.0), "args": ARGS}
     with pytest.raises(InputError, match=message):
         integrate(**(given | change))
+
+
+PAGE = Path(__file__).parents[2] / "docs/integration.md"
+
+
+@pytest.mark.slow
+def test_the_page_gives_what_it_says():
+    given = {}
+    for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S):
+        exec(block, given)
+        if "Room(" in block:
+            assert set(np.asarray(given["solution"].modes).tolist()) == {0, 1}
+            assert np.asarray(given["solution"].ys).max() <= 22.0 + 1e-9
+        elif "Ball(" in block:
+            np.testing.assert_allclose(given["solution"].events.ts[:3], [0.404, 0.969, 1.365], atol=5e-4)
+    np.testing.assert_allclose(given["slopes"], [0.14, -126.0, -12.7, -3.5], rtol=0.02)
+    motion, times = given["motion"], np.linspace(0.0, 0.02, 21)
+    system = given["system"]
+    usual = pdssjax.simulate(system.actuator, system.drive, times)
+    np.testing.assert_allclose(motion.ys.d, usual.platform - usual.effector, rtol=0.0, atol=1e-12)
+    assert int(motion.events.count) > 2

@@ -19,10 +19,17 @@ import pytest
 
 from pdssjax import AbstractHybridSystem, Accuracy, Taylor
 from pdssjax.integration import cosine_and_sine, steady_state
+from pdssjax.integration.steady_cycle import PERIODS, _remaining
 
 FINE = Accuracy(tolerance=1e-14, method=Taylor(8), max_steps=256)
+
+
 TOLERANCE = 1e-11
+
+
 DRIFT = 0.25
+
+
 FORCED = jnp.array([1.0, 0.3, 1.3])
 """P, F and w: the mass never stops for longer than an instant."""
 
@@ -126,3 +133,143 @@ def test_its_multipliers_are_those_of_the_two_reversals():
     contraction = (at_peak + friction) / (at_peak - friction)
     assert float(motion.multipliers[:2].prod()) == pytest.approx(float(contraction**2), rel=1e-8)
     assert float(motion.multipliers[2]) == 0.0
+
+
+def distances(places, cycle):
+    """How far cycle number `cycle` of a motion, one place a cycle, and those before are from earlier ones."""
+    return jnp.array(
+        [[abs(places[k] - places[k - n]) for n in range(1, PERIODS + 1)] for k in range(cycle - PERIODS, cycle + 1)]
+    )
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.9, -0.8])
+def test_what_is_still_to_come_is_that_of_a_geometric_series(ratio):
+    places = 1e-8 * ratio ** np.arange(40)
+    for cycle in (10, 30):
+        remaining = _remaining(distances(places, cycle), 1e-30)
+        assert float(remaining[0]) == pytest.approx(
+            abs(places[cycle - 1]) if ratio > 0 else abs(places[cycle - 1]) * 9, rel=1e-6
+        )
+        # It comes near to repeating after two and three cycles, too, but that is not what it does.
+        assert np.isinf(remaining[1:]).all()
+
+
+@pytest.mark.parametrize(("pattern", "period"), [([0.0, 1e-6], 2), ([0.0, 1e-6, 4e-6], 3), ([0.0], 1)])
+def test_a_motion_that_repeats_late_is_told_apart(pattern, period):
+    places = np.resize(pattern, 40) + 1e-8 * 0.5 ** np.arange(40)
+    for cycle in (20, 21, 22):
+        found = np.asarray(_remaining(distances(places, cycle), 2e-11)) < 2e-11
+        assert found.any() and int(np.argmax(found)) + 1 == period
+
+
+def test_nothing_is_said_before_enough_cycles_were_seen():
+    apart = jnp.full((PERIODS + 1, PERIODS), jnp.inf).at[-1, 0].set(1e-9)
+    assert np.isinf(_remaining(apart, 2e-11)).all()
+
+
+def test_cycles_that_are_equal_to_rounding_are_enough():
+    apart = jnp.full((PERIODS + 1, PERIODS), jnp.inf).at[-1, 0].set(1e-13)
+    assert float(_remaining(apart, 2e-11)[0]) == 1e-13
+
+
+RESTITUTION, RATE = 0.5, 2.0 * np.pi
+
+
+COARSE = Accuracy(tolerance=1e-14, method=Taylor(4), max_steps=256)
+
+
+DOUBLES = np.hypot((1 - RESTITUTION) / (2 * (1 + RESTITUTION)), 1 / RATE)
+"""The W at which the motion that bounces in every period gives way to one that repeats in every second."""
+
+
+class Period(NamedTuple):
+    duration: Any
+
+
+class BouncingBall(AbstractHybridSystem):
+    """x' = v, v' = -1; at x = 0 the plane turns the ball round.  A flag besides never changes: it is no deviation."""
+
+    strength: Any
+    begin: Any
+
+    def initial(self):
+        return (self.begin[0], self.begin[1], jnp.ones(()))
+
+    def segment(self, index):
+        return Period(jnp.ones(()) + 0.0 * index)
+
+    def field(self, segment, t_local, x, mode):
+        return (x[1], x[0] * 0.0 - 1.0, 0)
+
+    def guards(self, segment, t_local, x, mode):
+        return (x[0],)
+
+    def after_event(self, segment, t_local, x, mode, which):
+        struck = (1.0 + RESTITUTION) * self.strength * jnp.cos(RATE * t_local)
+        return (jnp.zeros_like(x[0]), struck - RESTITUTION * x[1], x[2]), mode
+
+    def state_scale(self):
+        return (jnp.ones(()), jnp.ones(()), jnp.ones(()))
+
+    def period(self):
+        return (0, 1)
+
+
+def impact_phase(strength, periods):
+    """phi where the ball bounces once in so many periods."""
+    return np.arccos(periods * (1 - RESTITUTION) / (2 * (1 + RESTITUTION) * strength))
+
+
+def mapped(impact, strength):
+    """The next impact: phase and velocity after it."""
+    phase = impact[0] + 2 * RATE * impact[1]
+    return np.array([phase, RESTITUTION * impact[1] + (1 + RESTITUTION) * strength * np.cos(phase)])
+
+
+def jacobian(impact, strength):
+    bend = (1 + RESTITUTION) * strength * np.sin(impact[0] + 2 * RATE * impact[1])
+    return np.array([[1.0, 2 * RATE], [-bend, RESTITUTION - 2 * RATE * bend]])
+
+
+@functools.cache
+def finder():
+    find = lambda strength, begin: steady_state(BouncingBall(strength, begin), 1.0, COARSE, 1e-10)
+    return jax.jit(find)
+
+
+def settled(strength, periods):
+    """From near the motion that bounces once in so many periods."""
+    since = 1.0 - impact_phase(strength, periods) / RATE
+    velocity = 0.5 * periods + 1e-3
+    begin = jnp.array([velocity * since - 0.5 * since**2, velocity - since])
+    return jax.tree.map(np.asarray, finder()(jnp.asarray(strength), begin))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("strength", "periods"), [(0.2, 1), (0.36, 2), (0.52, 3)])
+def test_a_ball_that_bounces_once_in_some_periods_has_the_multipliers_of_the_closed_form(strength, periods):
+    motion = settled(strength, periods)
+    assert int(motion.period) == periods and int(motion.failure) == 0
+    trace = 1 + RESTITUTION - 2 * (1 + RESTITUTION) * RATE * strength * np.sin(impact_phase(strength, periods))
+    expected = np.sort(np.abs(np.roots([1.0, -trace, RESTITUTION])))[::-1]
+    np.testing.assert_allclose(motion.multipliers, [*expected, 0.0], rtol=1e-6)
+    since = 1.0 - impact_phase(strength, periods) / RATE
+    np.testing.assert_allclose(motion.x[:2], [0.5 * periods * since - 0.5 * since**2, 0.5 * periods - since], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_where_the_period_doubles_the_motion_of_two_periods_is_found_with_its_multipliers():
+    below, above = settled(0.99 * DOUBLES, 1), settled(1.03 * DOUBLES, 1)
+    assert int(below.period) == 1 and int(above.period) == 2
+    impact = np.array([impact_phase(1.03 * DOUBLES, 1), 0.5 + 1e-3])
+    for _ in range(2000):
+        impact = mapped(impact, 1.03 * DOUBLES)
+    monodromy = jacobian(mapped(impact, 1.03 * DOUBLES), 1.03 * DOUBLES) @ jacobian(impact, 1.03 * DOUBLES)
+    expected = np.sort(np.abs(np.linalg.eigvals(monodromy)))[::-1]
+    np.testing.assert_allclose(above.multipliers, [*expected, 0.0], rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_motion_of_four_periods_is_said_not_to_repeat():
+    motion = settled(0.2467, 1)
+    assert int(motion.period) == 0 and np.isnan(motion.multipliers).all() and int(motion.cycles) == 200

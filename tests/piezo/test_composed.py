@@ -10,20 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from marks import slow
+from parts import Cycloidal, Sampled, Sawtooth, SimplifiedLuGre, Sine
 from scipy.integrate import solve_ivp
 
-from pdssjax import Accuracy, Actuator, Effector
+from pdssjax import Accuracy, Actuator, Effector, Taylor
 from pdssjax.actuator import DrivenPlatform
 from pdssjax.core import member, member_name, quantities
-from pdssjax.drive.cycloidal import Cycloidal
-from pdssjax.drive.sampled import Sampled
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.drive.sine import Sine
-from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.piezo import Composition
 from pdssjax.piezo._composition import composition_of
 from pdssjax.simulation import PlatformOnly, StickSlip, sensor_samples
 
+QUICKLY = Accuracy(method=Taylor(8), max_steps=20000)
 TIMES = np.arange(61) * 5e-3
 VOLTS = 20.0 + 15.0 * np.sin(2 * np.pi * 7.0 * TIMES) + 6.0 * np.sin(2 * np.pi * 19.0 * TIMES)
 SLOW = {"natural_frequency": 250.0, "damping_ratio": 0.4}
@@ -56,14 +53,13 @@ def made(name):
     return model(**(given | {k: 12.0 for k in given if k.endswith("_range")} | history | STACKS[name]))
 
 
-def shown(stack, times, tight=False):
+def shown(stack, times):
     system = PlatformOnly(DrivenPlatform(stack), Sampled(TIMES, VOLTS))
-    accuracy = Accuracy(tolerance=1e-13, max_steps=20000) if tight else Accuracy(max_steps=20000)
-    return sensor_samples(system, times, accuracy, segments=TIMES.size + 1)
+    return sensor_samples(system, times, QUICKLY, segments=TIMES.size + 1)
 
 
 def shown_at(stack, drive, times):
-    return sensor_samples(PlatformOnly(DrivenPlatform(stack), drive), times, Accuracy(), segments=6)
+    return sensor_samples(PlatformOnly(DrivenPlatform(stack), drive), times, QUICKLY, segments=6)
 
 
 @cache
@@ -157,9 +153,7 @@ def test_what_rides_on_a_composed_stack_moves_as_scipy_makes_it_move():
     friction, mass = SimplifiedLuGre(sigma0=3e3, sigma1=2.0, f_ss=2e-3), 0.1
     system = StickSlip(Actuator(stack, friction, Effector(mass), feedback=True), Sampled(TIMES, VOLTS))
     times = np.linspace(0.0, TIMES[-1], 97)
-    run = jax.jit(
-        lambda system, times: sensor_samples(system, times, Accuracy(max_steps=20000), segments=TIMES.size + 1)
-    )
+    run = jax.jit(lambda system, times: sensor_samples(system, times, QUICKLY, segments=TIMES.size + 1))
     found = np.asarray(run(system, jnp.asarray(times)))
 
     fine = np.linspace(0.0, TIMES[-1], 60 * 96 + 1)
@@ -256,7 +250,7 @@ def test_a_wave_moves_a_composed_stack_as_numpy_makes_it_move():
     fine, segments = np.linspace(0.0, 0.16, 40 * 80 + 1), drive.segments(0.17)
     expected = aim_by_numpy(made(name), composition_of(name), np.asarray(drive.at(fine)), fine)[40::40]
     system = PlatformOnly(DrivenPlatform(made(name)), drive)
-    found = jax.jit(lambda times: sensor_samples(system, times, Accuracy(), segments=segments))(fine[40::40])
+    found = jax.jit(lambda times: sensor_samples(system, times, QUICKLY, segments=segments))(fine[40::40])
     # A chord of 1/2000 of a period is off by (2 pi / 2000)^2 / 16 of the swing.
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-6 * np.ptp(expected))
 

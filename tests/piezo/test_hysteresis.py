@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from jax import lax
 from marks import slow
+from parts import BoucWen, MaxwellSlip
 from scipy.integrate import solve_ivp
 
 from pdssjax.core import member
 from pdssjax.drive.base import Segment, Voltage
 from pdssjax.piezo._ceramic import after_jump
-from pdssjax.piezo.bouc_wen import BoucWen
-from pdssjax.piezo.maxwell_slip import MaxwellSlip
 
 SHARES, THRESHOLDS = (0.08, 0.06, 0.05, 0.04), (4.0, 10.0, 18.0, 28.0)
 PIEZOS = {"bouc-wen": BoucWen, "maxwell-slip": MaxwellSlip}

@@ -29,12 +29,7 @@ from tests.reference.laws.reset_integrator import ResetIntegrator
 
 GAIN, PEAK = 1e-7, 64.0
 SEEN = np.linspace(1e-4, 0.049, 200)
-OUTPUTS = {
-    DISPLACEMENT: "displacement",
-    VELOCITY: "velocity",
-    ACCELERATION: "acceleration",
-    STOP_FORCE: "stop_force",
-}
+OUTPUTS = {DISPLACEMENT: "displacement", VELOCITY: "velocity", ACCELERATION: "acceleration", STOP_FORCE: "stop_force"}
 AGREES = 5e-8
 """Part of a record's largest value to which both agree; of 136 actuators the worst is 1.6e-8 and the median 4e-11."""
 COMBINATIONS = [f"combination {number}" for number in range(60)]

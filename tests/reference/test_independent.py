@@ -6,13 +6,11 @@ import jax
 import numpy as np
 import pytest
 from marks import slow
+from parts import Sawtooth, SecondOrder, SimplifiedLuGre
 from rigs import SAMPLES, trajectory
 
 from pdssjax import Accuracy, Actuator, Effector
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.integration import TIGHT
-from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import displacements
 from tests.reference.independent import Rig, simulate
 
@@ -46,7 +44,7 @@ def check(run, expected, micrometres, newtons):
 
 
 QUICK = "fall time, backward", "downhill, sticks", "feedback, downhill, backward", "force", "force, feedback, downhill"
-"""What the default tests look at: a rig or two of each structure, but those that rest (`test_rests_under_load`)."""
+"""What the default tests look at: a rig or two of each structure; of those that rest `test_waits` has one."""
 
 
 @pytest.mark.parametrize("name", [name if name in QUICK else slow(name) for name in RIGS])

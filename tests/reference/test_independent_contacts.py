@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pdssjax import Accuracy
+from pdssjax import Accuracy, Taylor
 from pdssjax.core import member
 from pdssjax.simulation import FRICTION_FORCE, PrescribedMotion, sensor_samples
 from tests.reference.test_independent_laws import LAWS
 
-LEGS = 60
+LEGS = 30
 PARTS = (0.02, 0.3, 0.95)
 """Of a leg, where the force is looked at."""
 ASIDE = ("bristle",)
@@ -31,7 +31,7 @@ ROUNDED = {"stribeck, tustin": 3e-6}
 
 @jax.jit
 def shown(law, times, motion, seen):
-    return sensor_samples(PrescribedMotion(law, times, motion), seen, Accuracy(), FRICTION_FORCE)
+    return sensor_samples(PrescribedMotion(law, times, motion), seen, Accuracy(method=Taylor(8)), FRICTION_FORCE)
 
 
 def zigzag(seed):

@@ -13,12 +13,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from parts import Sawtooth, SecondOrder
 
 from pdssjax import Accuracy, Actuator, Effector, simulate as simulated
 from pdssjax.core import member, members
-from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.integration import TIGHT
-from pdssjax.piezo.second_order import SecondOrder
 from tests.reference.independent import Rig, simulate
 from tests.reference.independent_friction import Law
 from tests.reference.laws.coulomb import Coulomb
@@ -38,9 +37,7 @@ def cases(name: str) -> dict[str, Law]:
 
 
 LAWS = {f"{name}, {kind}".rstrip(", "): (name, law) for name in SIMULATED for kind, law in cases(name).items()}
-QUICK = {
-    "coulomb": ("20 Hz, ideal", "20 Hz, fall time, backward, downhill"),
-}
+QUICK = {"coulomb": ("20 Hz, ideal", "20 Hz, fall time, backward, downhill")}
 """Rigs that take less than a few seconds, by law; of others it is the first, if any."""
 RIGS: dict[str, dict[str, Any]] = {
     "20 Hz, ideal": dict(cycle=0.05),

@@ -56,11 +56,7 @@ def anisotropic_rig(reading: str, seed: int) -> Rig:
     random = np.random.default_rng([8, seed])
     pair = lambda values, factor: tuple(scattered(random, value, factor) for value in values)
     return Rig(
-        **random_numbers(random),
-        s0=pair(Rig.s0, 5.0),
-        s1=pair(Rig.s1, 5.0),
-        f_ss=pair(Rig.f_ss, 1.4),
-        reading=reading,
+        **random_numbers(random), s0=pair(Rig.s0, 5.0), s1=pair(Rig.s1, 5.0), f_ss=pair(Rig.f_ss, 1.4), reading=reading
     )
 
 

@@ -2,15 +2,20 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
-from compared_laws import contact_study, contact_text, write_contact
+from compared_laws import NOISE, Here, contact_study, contact_text, write_contact
+from scipy.optimize import least_squares
 from study_files import write_study
 
 import pdssjax
 from pdssjax import InputError
 from pdssjax.core import members
-from pdssjax.selection import candidates_of
+from pdssjax.selection import candidates_of, held_out
+from pdssjax.selection.candidate_fits import fitted_candidate
 from pdssjax.selection.candidates import neighbours, starting_near
+from pdssjax.selection.comparing import most_discriminating_record
+from pdssjax.selection.scores import common_noise
 
 
 @pytest.fixture
@@ -119,3 +124,82 @@ def test_a_law_with_both_forces_keeps_the_static_one_above_coulombs(study):
     stated = {c.name: [constraint.text for constraint in c.study.constraints] for c in candidates_of(study)}
     assert stated["lugre"] == stated["stribeck"] == ["friction.f_s >= friction.f_c"]
     assert stated["dahl"] == stated["coulomb"] == []
+
+
+TRUTH = {"friction.sigma0": 8e5, "friction.f_c": 0.6}
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory):
+    """Two records of a Dahl contact, with noise."""
+    folder, random = tmp_path_factory.mktemp("contact"), np.random.default_rng(5)
+    empty = contact_study(folder)
+    forces = [np.asarray(force) for force in empty.predict(TRUTH)]
+    noisy = {r.name: f + NOISE * random.standard_normal(f.size) for r, f in zip(empty.records, forces, strict=True)}
+    return pdssjax.load_study(write_contact(folder, contact_text(), noisy))
+
+
+@pytest.fixture(scope="module")
+def estimate(rig):
+    return pdssjax.identify(rig)
+
+
+@pytest.fixture(scope="module")
+def fitted(rig, estimate):
+    dahl = next(c for c in candidates_of(rig, friction=["coulomb"]) if c.name == "dahl")
+    return fitted_candidate(dahl, estimate, "study")
+
+
+def test_what_is_held_out_is_predicted_as_by_a_fit_without_it(rig, estimate, fitted):
+    """A block, and a whole record, against fits to what is left of the records."""
+    parts = held_out.parts_of(rig)
+    found, refitted = held_out.held_out(rig, fitted, parts)
+    assert refitted == 0
+    for number in (0, next(k for k, part in enumerate(parts) if part.kind == "record")):
+        part = parts[number]
+        problem, start = pdssjax.pose_problem(rig.with_starts(estimate))
+        used = [np.ones(record.time.size, bool) for record in rig.records]
+        used[part.record] = ~part.rows
+        left = problem.fitted_to(used)
+        refitted = least_squares(left.whitened, start, left.jacobian, left.bounds, x_scale="jac", xtol=1e-12).x
+        motion = rig.predict({path: float(x) for path, x in left.decode(refitted).items()})[part.record]
+        expected = (rig.records[part.record].measured - np.asarray(motion))[part.rows]
+        seen = (estimate.records[part.record].residual)[part.rows]
+        assert np.max(np.abs(found[number] - expected)) < 0.05 * np.max(np.abs(seen - expected)) + 1e-6
+
+
+def test_a_step_that_is_not_believed_is_fitted_again(rig, fitted, monkeypatch):
+    monkeypatch.setattr(held_out, "MAX_CHI2_RISE", -np.inf)
+    parts = held_out.parts_of(rig)[:1]
+    (again,), refitted = held_out.held_out(rig, fitted, parts)
+    assert refitted == 1
+    monkeypatch.undo()
+    (first,), _ = held_out.held_out(rig, fitted, parts)
+    np.testing.assert_allclose(again, first, atol=1e-4)
+
+
+@pytest.mark.slow
+def test_coulombs_law_is_worse_on_records_of_dahls(rig):
+    found = pdssjax.compare(rig, friction=["coulomb", "simplified-lugre"], executor=Here())
+    assert found.chosen == "dahl" and found["coulomb"].is_worse
+    assert not found["simplified-lugre"].is_worse
+    assert all(result.fitted.converged for result in found.results)
+
+
+def test_the_record_that_tells_most_is_one_in_which_models_differ(rig, estimate):
+    """A damping shows the more the faster the motion; two equal models show nothing."""
+    lugre, dahl = (
+        next(c for c in candidates_of(rig, friction=["simplified-lugre"]) if c.name == name)
+        for name in ("simplified-lugre", "dahl")
+    )
+    values = {path: estimate.parameters[path].value for path in estimate.names}
+    at = lambda name, numbers: pdssjax.selection.FittedCandidate(name, {}, tuple(numbers), values=numbers)
+    damped = {"friction.sigma0": values["friction.sigma0"], "friction.f_ss": values["friction.f_c"]}
+    one = (lugre.study, at("simplified-lugre", damped | {"friction.sigma1": 200.0}))
+    two = (dahl.study, at("dahl", values))
+    noises = [
+        common_noise(r, r.measured - f.residual, 240.0) for r, f in zip(rig.records, estimate.records, strict=True)
+    ]
+    told = most_discriminating_record(one, two, noises)
+    assert told.speed == 10.0 and told.sigmas > 1.0 and told.tried == 3 and np.isnan(told.voltage)
+    assert most_discriminating_record(two, two, noises) is None

@@ -306,11 +306,7 @@ def rounds(study, monkeypatch, ends, laws=("coulomb", "lugre")):
 def test_where_the_own_model_is_right_the_others_begin_at_its_optimum_and_nothing_is_searched(tmp_path, monkeypatch):
     ends = {"coulomb": (900.0, False), "dahl": (100.0, True), "lugre": (100.0, True)}
     asked, done = rounds(contact_study(tmp_path), monkeypatch, ends)
-    assert asked == [
-        ("once", "dahl", "study"),
-        ("once", "lugre", "dahl"),
-        ("once", "coulomb", "dahl"),
-    ]
+    assert asked == [("once", "dahl", "study"), ("once", "lugre", "dahl"), ("once", "coulomb", "dahl")]
     assert all(found.finished for found in done.values()) and done["coulomb"].start == "dahl"
 
 

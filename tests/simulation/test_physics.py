@@ -4,16 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from parts import AnisotropicLuGre, Sawtooth
 from rigs import SAMPLES, trajectory
 from scipy.integrate import cumulative_simpson, solve_ivp
 from sliding import Contact
 
-from pdssjax import Accuracy
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax import Accuracy, Taylor
 from pdssjax.integration import TIGHT
 from tests.reference.independent import Rig
 
+USUAL = Accuracy(method=Taylor(12))
+FINE = replace(TIGHT, method=USUAL.method)
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
 SAME = replace(Rig(), s0=(1e6, 1e6), s1=(45.0, 45.0), f_ss=(0.65, 0.65))
 
@@ -26,13 +27,13 @@ class NeverRepeating(Sawtooth):
 
 
 def test_what_never_slips_rides_along():
-    run = trajectory(Rig(f_ss=(1e4, 1e4), s0=(1e8, 1e8), voltage=5.0), TIMES, Accuracy())
+    run = trajectory(Rig(f_ss=(1e4, 1e4), s0=(1e8, 1e8), voltage=5.0), TIMES, USUAL)
     np.testing.assert_allclose(run.effector, run.platform, rtol=0.0, atol=5e-9)  # the bristles still give
 
 
 def test_a_heavy_platform_feels_no_friction():
     rigs = (Rig(reading="force", stack=1e6, feedback=feedback, fall=9e-4) for feedback in (False, True))
-    free, coupled = (trajectory(rig, TIMES, Accuracy()) for rig in rigs)
+    free, coupled = (trajectory(rig, TIMES, USUAL) for rig in rigs)
     np.testing.assert_allclose(coupled.platform, free.platform, rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(coupled.effector, free.effector, rtol=0.0, atol=1e-9)
 
@@ -42,7 +43,7 @@ def test_momentum_and_energy_are_balanced_with_feedback(load):
     """What voltage, friction and load give is what the masses have, sample by sample through a drop."""
     rig = Rig(reading="force", feedback=True, load=load, fall=9e-4)
     times = rig.cycle + 1e-5 * np.arange(SAMPLES)
-    run = trajectory(rig, times, TIGHT)
+    run = trajectory(rig, times, FINE)
     gathered = lambda rate: cumulative_simpson(rate, x=times, initial=0.0)
     stiffness = rig.stack * rig.frequency**2
     push = stiffness * (rig.gain * run.voltage - run.platform)
@@ -64,7 +65,7 @@ def test_momentum_and_energy_are_balanced_with_feedback(load):
 def test_the_two_readings_agree_where_nothing_depends_on_direction():
     for load in (0.0, 0.1):
         rig = replace(SAME, load=load, fall=9e-4)
-        runs = [trajectory(replace(rig, reading=reading), TIMES, TIGHT) for reading in ("deflection", "force")]
+        runs = [trajectory(replace(rig, reading=reading), TIMES, FINE) for reading in ("deflection", "force")]
         np.testing.assert_allclose(runs[0].effector, runs[1].effector, rtol=0.0, atol=1e-12)
         np.testing.assert_allclose(runs[0].friction, runs[1].friction, rtol=0.0, atol=1e-6)
 
@@ -76,7 +77,7 @@ def test_backward_is_forward_in_the_mirror(reading, fall):
     there = Rig(reading=reading, fall=fall)
     back = replace(there, forward=False, s0=there.s0[::-1], s1=there.s1[::-1], f_ss=there.f_ss[::-1])
     times = 2.0 * there.cycle + np.arange(SAMPLES) * 0.0034
-    forward, backward = (np.asarray(trajectory(rig, times, TIGHT).effector) for rig in (there, back))
+    forward, backward = (np.asarray(trajectory(rig, times, FINE).effector) for rig in (there, back))
     np.testing.assert_allclose(forward - forward[0], backward[0] - backward, rtol=0.0, atol=1e-12)
 
 
@@ -84,7 +85,7 @@ def test_backward_is_forward_in_the_mirror(reading, fall):
 @pytest.mark.parametrize("rig", [Rig(fall=9e-4), Rig(load=-0.1, forward=False)], ids=["forward", "stuck backward"])
 def test_repeated_cycles_are_those_that_are_marched(rig):
     times = np.linspace(0.01, 1.6, SAMPLES)
-    repeated, marched = trajectory(rig, times, Accuracy()), trajectory(rig, times, Accuracy(), drive=NeverRepeating)
+    repeated, marched = trajectory(rig, times, USUAL), trajectory(rig, times, USUAL, drive=NeverRepeating)
     assert (bool(repeated.repeated), bool(marched.repeated)) == (True, False)
     assert int(repeated.steps) < 0.6 * int(marched.steps)
     np.testing.assert_allclose(repeated.effector, marched.effector, rtol=0.0, atol=1e-11)
@@ -92,10 +93,10 @@ def test_repeated_cycles_are_those_that_are_marched(rig):
 
 
 def test_before_the_drive_all_is_at_rest():
-    run = trajectory(Rig(), np.linspace(-0.3, -0.01, SAMPLES), Accuracy())
+    run = trajectory(Rig(), np.linspace(-0.3, -0.01, SAMPLES), USUAL)
     assert int(run.failure) == 0
     assert not np.any([run.voltage, run.platform, run.effector, run.effector_velocity])
-    partly = trajectory(Rig(), np.linspace(-0.1, 0.1, SAMPLES), Accuracy())
+    partly = trajectory(Rig(), np.linspace(-0.1, 0.1, SAMPLES), USUAL)
     assert not partly.effector[:60].any()
     assert partly.effector[61:].all()
 
@@ -104,14 +105,14 @@ def test_before_the_drive_all_is_at_rest():
 @pytest.mark.parametrize("fall", [0.0, 9e-4])
 def test_where_a_record_ends_changes_nothing_before(end, fall):
     times = np.linspace(end - 0.01, end, SAMPLES)
-    short = trajectory(Rig(fall=fall), times, TIGHT)
-    long = trajectory(Rig(fall=fall), np.append(times[:-1], 0.6), TIGHT)
+    short = trajectory(Rig(fall=fall), times, FINE)
+    long = trajectory(Rig(fall=fall), np.append(times[:-1], 0.6), FINE)
     assert int(short.failure) == 0
     np.testing.assert_allclose(short.effector[:-1], long.effector[:-1], rtol=0.0, atol=1e-13)
 
 
 def test_without_voltage_and_load_nothing_moves():
-    run = trajectory(Rig(voltage=0.0), TIMES, Accuracy())
+    run = trajectory(Rig(voltage=0.0), TIMES, USUAL)
     assert int(run.failure) == 0
     assert not run.effector.any()
 
@@ -125,7 +126,7 @@ FIELDS = "gain frequency damping mass s0 s1 f_ss voltage cycle fall".split()
 def test_a_trial_far_off_ends_finite_or_says_why(base, field, factor):
     value = getattr(base, field)
     rig = replace(base, **{field: tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value})
-    run = trajectory(rig, TIMES, Accuracy())
+    run = trajectory(rig, TIMES, USUAL)
     everything = np.stack([run.platform, run.effector, run.effector_velocity, run.friction])
     assert np.isfinite(everything).all() if int(run.failure) == 0 else np.isnan(everything).all()
     assert int(run.rejected) <= int(run.steps)

@@ -4,15 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from parts import AnisotropicLuGre, Bristle, Sawtooth, SecondOrder, Step
 
 import pdssjax
 from pdssjax import Accuracy, Actuator, steady_cycle
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.drive.step import Step
-from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.friction.bristle import Bristle
 from pdssjax.integration import GRAZES
-from pdssjax.piezo.second_order import SecondOrder
 
 CHOSEN = jnp.array([100.0, 120.0, 0.1772, 54.4])
 """Voltage, frequency, damping ratio of the stack, damping of the bristles: it still rings at the next drop."""

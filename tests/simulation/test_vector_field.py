@@ -6,24 +6,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from parts import AnisotropicLuGre, Dahl, LuGre, MaxwellSlip, ResetIntegrator, Sawtooth, SecondOrder, Static
 
 import pdssjax
-from pdssjax import Actuator
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.friction.dahl import Dahl
-from pdssjax.friction.lugre import LuGre
-from pdssjax.friction.reset_integrator import ResetIntegrator
-from pdssjax.piezo.maxwell_slip import MaxwellSlip
-from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.piezo.static import Static
+from pdssjax import Accuracy, Actuator, Taylor
 from pdssjax.simulation.flat_vector_field import drive_clock
 
 ACTUATOR, DRIVE = Actuator(SecondOrder(), AnisotropicLuGre()), Sawtooth(64.0, 5.0, 1e-3)
 _RATES = eqx.filter_jit(lambda f, y: f(0.01, y))
 
 TIMES = np.linspace(0.0, 1e-4, 300)
-"""The platform's first way up, where the relative motion has not turned yet; as many as in `test_step_counts`."""
+"""The platform's first way up, where the relative motion has not turned yet; as many as in `test_velocity_jumps`."""
 
 
 def test_diffrax_solves_it_as_simulate_does_within_a_mode():
@@ -33,7 +26,7 @@ def test_diffrax_solves_it_as_simulate_does_within_a_mode():
     found = diffrax.diffeqsolve(
         term, diffrax.Tsit5(), 0.0, TIMES[-1], 1e-7, f.initial, stepsize_controller=control, saveat=saved
     )
-    expected = pdssjax.simulate(ACTUATOR, DRIVE, TIMES)
+    expected = pdssjax.simulate(ACTUATOR, DRIVE, TIMES, Accuracy(method=Taylor(8)))
     assert int(expected.events) == 0
     platform, effector = jax.vmap(f.displacements)(found.ys)
     scale = np.abs(expected.platform).max()

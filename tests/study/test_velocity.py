@@ -15,12 +15,17 @@ from pdssjax.cli.main import main
 from pdssjax.drive.step import Step
 from pdssjax.report.figures import record_figure
 from pdssjax.study import Samples, compare, make_recordings
+from pdssjax.study.measurement.acceleration import Acceleration
 from pdssjax.study.measurement.effector import Effector
 from pdssjax.study.measurement.platform import Platform
 from pdssjax.study.measurement.velocity import Velocity
 
 OF = ("platform", "effector")
+
+
 SENSOR = '"sensor.bandwidth" = { value = "500 Hz" }\n"sensor.delay" = { value = "0.3 ms" }'
+
+
 TIMES = np.linspace(-2e-3, 0.025, 27001)
 """Dense enough to differentiate and to filter by."""
 
@@ -144,6 +149,8 @@ def samples(voltage, offset, before=0):
 
 
 RAMP = np.concatenate([np.zeros(20), np.linspace(0.0, 1.0, 100)])
+
+
 STEP = np.concatenate([np.linspace(0.0, 1.0, 60), np.ones(60)])
 
 
@@ -233,3 +240,63 @@ def test_a_platform_that_follows_the_voltage_at_once_is_as_fast_as_that_rises(tm
     assert isinstance(study.records[0].drive, Step)
     expected = np.where((study.records[0].time < 0.01 - 1e-9), 1e-7 * 60.0 / 0.01, 0.0)
     np.testing.assert_allclose(speed, expected, rtol=1e-12, atol=1e-18)
+
+
+RINGS = {"sticks": True, "drive": measured_study.SLOW_FALL}
+"""A contact that sticks for good while the platform rings."""
+
+
+KINDS = [
+    pytest.param("platform", {}, id="platform"),
+    pytest.param("effector", RINGS, id="sticks while it rings", marks=pytest.mark.slow),
+    pytest.param("effector", {}, id="effector", marks=pytest.mark.slow),
+    pytest.param("effector", {"more": SENSOR}, id="effector, slow sensor", marks=pytest.mark.slow),
+    pytest.param("platform", {"more": SENSOR}, id="platform, slow sensor", marks=pytest.mark.slow),
+    pytest.param("effector", {"feedback": True}, id="effector, feedback", marks=pytest.mark.slow),
+    pytest.param("platform", {"feedback": True}, id="platform, feedback", marks=pytest.mark.slow),
+]
+
+
+def accelerations(folder, measurements, drive=measured_study.WALK, **kind):
+    """What each of these shows of one walk, at `TIMES`."""
+    records = "".join(measured_study.record(measurement, drive) for measurement in measurements)
+    (folder / "study.toml").write_text(measured_study.study(records, **kind))
+    study = load_study(folder / "study.toml", virtual=True)
+    dense = [dataclasses.replace(r, time=TIMES, measured=np.zeros(TIMES.shape)) for r in study.records]
+    return [np.asarray(values) for values in dataclasses.replace(study, records=tuple(dense)).predict()]
+
+
+@pytest.mark.parametrize(("of", "kind"), KINDS)
+def test_the_acceleration_is_the_rate_of_the_velocity(tmp_path, of, kind):
+    velocity, acceleration = accelerations(tmp_path, [Velocity(of), Acceleration(of)], **kind)
+    # Central differences over 2 us; where the contact switches the acceleration jumps between two samples.
+    wrong = np.abs(acceleration - np.gradient(velocity, TIMES))
+    assert np.mean(wrong > 2e-3 * np.ptp(acceleration)) < 2e-3
+    assert np.median(wrong) < 2e-5 * np.ptp(acceleration)
+    assert (acceleration[TIMES < 0] == 0.0).all()
+
+
+WITHOUT_INERTIA = ("second-order", "static"), ('"piezo.natural_frequency"', "#"), ('"piezo.damping_ratio"', "#")
+
+
+SINE = 'drive = { waveform = "sine", voltage = "60 V", frequency = "100 Hz" }'
+
+
+AMPLIFIER = '"amplifier.bandwidth" = { value = "5 kHz" }'
+
+
+def load_static(folder, drive, more=""):
+    text = measured_study.study(measured_study.record(Acceleration("platform"), drive), more=more)
+    for old, new in WITHOUT_INERTIA:
+        text = text.replace(old, new)
+    (folder / "study.toml").write_text(text)
+    return load_study(folder / "study.toml", virtual=True)
+
+
+def test_a_platform_without_inertia_has_no_acceleration_at_a_corner(tmp_path):
+    with pytest.raises(InputError, match=r"drive: found a voltage with corners, expected a smooth one or an amplifier"):
+        load_static(tmp_path, measured_study.SLOW_FALL)
+    with pytest.raises(InputError, match=r"found a voltage with jumps, expected a fall or rise time above 0"):
+        load_static(tmp_path, measured_study.WALK, AMPLIFIER)
+    load_static(tmp_path, SINE)
+    load_static(tmp_path, measured_study.SLOW_FALL, AMPLIFIER)

@@ -1,12 +1,17 @@
-"""A Dask cluster runs a sweep as threads do; what is wrong with one is told in a line."""
+"""A Dask cluster and several devices find what one finds; what is wrong with a cluster is told in a line."""
 
 import importlib.metadata
 import importlib.util
+import json
+import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from quick_blocks import example_study, quick as quick
@@ -15,6 +20,7 @@ import pdssjax
 from pdssjax import InputError
 from pdssjax.files import SweepStore
 from pdssjax.sweeps import cluster_executor, execution
+from pdssjax.sweeps.blocks import shared_out
 from pdssjax.sweeps.execution import package_version
 
 NEEDED = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs pdssjax[cluster]")
@@ -43,6 +49,8 @@ class Client:
 
 
 HERE = package_version()
+
+
 CLUSTERS = {
     "tcp://good:1": ({"a": 2, "b": 1}, {"a": HERE, "b": HERE}),
     "tcp://nobody:1": (None, None),
@@ -86,6 +94,7 @@ def test_without_distributed_the_line_says_what_to_install(monkeypatch):
 SMALL = dict(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None, host="127.0.0.1")
 """A cluster of threads in this process: real messages, but nothing to start."""
 
+
 GRID = {"drive.voltage": np.linspace(20.0, 80.0, 30), "drive.frequency": np.linspace(2.0, 50.0, 20)}
 """600 points: ten blocks."""
 
@@ -100,15 +109,6 @@ def test_a_real_cluster_finds_what_threads_find(quick):
         there = pdssjax.sweep(study, GRID, executor=pool, in_flight=2 * n)
     assert n == 2 and len(quick) == 10
     np.testing.assert_array_equal(there.net_step, pdssjax.sweep(study, GRID).net_step)
-
-
-@NEEDED
-@pytest.mark.filterwarnings("ignore")
-def test_a_scheduler_that_is_not_there_is_told_in_a_line(monkeypatch):
-    monkeypatch.setattr(execution, "_PATIENCE", 0.3)
-    with pytest.raises(InputError) as refused, cluster_executor("tcp://127.0.0.1:9"):
-        pass
-    assert "found none that answers" in str(refused.value) and "\n" not in str(refused.value)
 
 
 @NEEDED
@@ -199,3 +199,69 @@ def test_a_cluster_that_loses_a_worker_loses_no_block_and_computes_none_twice(tm
     here = pdssjax.sweep(study, over)
     np.testing.assert_allclose(there.net_step, here.net_step, rtol=1e-12, atol=0.0)
     assert sorted(kept) == list(range(7)) and told[-1] == 400
+
+
+ROOT = Path(__file__).parents[2]
+
+
+HALVED = """\
+import jax, json
+import jax.numpy as jnp
+from pdssjax.sweeps.blocks import default_workers, lanes_here, shared_out, whole_shares
+from test_cluster import POINTS, turns
+found = jax.jit(lambda points: shared_out(jax.vmap(turns), points))(POINTS)
+print(json.dumps([found.tolist(), len(found.devices()), whole_shares(7), lanes_here(), default_workers()]))
+"""
+
+
+SWEPT = """\
+import numpy as np, sys
+from pdssjax import prepare_jax
+prepare_jax()
+from test_cluster import found_by_a_sweep
+np.savez(sys.argv[1], **found_by_a_sweep())
+"""
+
+
+POINTS = jnp.array([[1.0], [300.0], [7.0], [1e6], [2.0], [90.0]])
+
+
+def turns(point):
+    """A loop that ends at another turn for every point."""
+    return jax.lax.while_loop(lambda now: now[0] > 1.5, lambda now: (now[0] / 2, now[1] + 1), (point[0], 0))[1]
+
+
+def run(program, devices, *arguments):
+    """What a process with so many devices prints."""
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
+    path = os.pathsep.join(map(str, [ROOT, ROOT / "tests" / "sweeps", ROOT / "tests" / "helpers"]))
+    environment = os.environ | {"XLA_FLAGS": flags, "PYTHONPATH": path}
+    command = [sys.executable, "-c", program, *map(str, arguments)]
+    return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
+
+
+def test_loops_of_unlike_lengths_are_shared_out_over_three_devices():
+    expected = [turns(point).tolist() for point in POINTS]
+    assert shared_out(jax.vmap(turns), POINTS).tolist() == expected and len(set(expected)) == 6
+    assert json.loads(run(HALVED, 3)) == [expected, 3, 9, 192, 2]
+
+
+def found_by_a_sweep():
+    """Steady cycles of the example, of which some are left to Newton's method, with what is found besides."""
+    study = example_study()
+    light = study.with_values({"piezo.damping_ratio": 0.004, "friction.sigma1_a": 1.0, "friction.sigma1_b": 1.0})
+    over = {"drive.voltage": np.array([3.0]), "drive.frequency": np.array([5.0, 150.0, 200.0])}
+    data = {
+        "": pdssjax.sweep(study, {"drive.voltage": np.linspace(8.0, 150.0, 70)}, cycles="steady"),
+        "light_": pdssjax.sweep(light, over, cycles="steady", metrics=["peak_friction"]),
+    }
+    return {f"{of}{name}": np.asarray(found[name]) for of, found in data.items() for name in found.data_vars}
+
+
+@pytest.mark.slow
+def test_a_sweep_over_eight_devices_is_that_of_one(tmp_path):
+    run(SWEPT, 8, tmp_path / "eight.npz")
+    eight, single = np.load(tmp_path / "eight.npz"), found_by_a_sweep()
+    assert not eight["failure"].any() and (eight["light_cycles_to_repeat"] == 1).all() and set(eight) == set(single)
+    for name, found in single.items():
+        np.testing.assert_allclose(eight[name], found, rtol=1e-14, atol=1e-14, err_msg=name)

@@ -7,16 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray
+from parts import Sawtooth, SecondOrder, Stribeck
 from quick_blocks import found_at, study as study
 from study_files import write_estimate
 
 import pdssjax
 from pdssjax import Accuracy, Actuator, InputError
 from pdssjax.cli.main import main
-from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.files import EXAMPLE
-from pdssjax.friction.stribeck import Stribeck
-from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.report.figures import directions_figure
 from pdssjax.report.text import format_sweep
 from pdssjax.simulation import STOP_FORCE, StickSlip, sensor_samples

@@ -7,33 +7,24 @@ import jax
 import numpy as np
 import pytest
 import xarray
+from parts import AnisotropicLuGre, Cycloidal, Sawtooth, SecondOrder, Sine, Triangle
 from quick_blocks import study as study
 
 import pdssjax
 from pdssjax import Accuracy, Actuator, InputError, InputWarning, Taylor
 from pdssjax.cli.main import main
 from pdssjax.cli.option_values import read_axis
-from pdssjax.drive.cycloidal import Cycloidal
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.drive.sine import Sine
-from pdssjax.drive.triangle import Triangle
 from pdssjax.files import EXAMPLE, write_sweep
-from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.sweeps import Listed, find_border
 
-UM = 1e6
-
-
+UM, QUICK = 1e6, Accuracy(method=Taylor(8))
 GRID = {"drive.voltage": [30.0, 64.0, 75.0], "drive.frequency": [5.0, 23.0], "friction.f_ss_a": [0.5, 0.8]}
-
-
 FURTHER = ("peak_friction", "reversals", "settled", "grazing")
 
 
 @pytest.fixture(scope="module")
 def data(study):
-    return pdssjax.sweep(study, GRID, metrics=FURTHER, workers=2)
+    return pdssjax.sweep(study, GRID, metrics=FURTHER, workers=2, accuracy=QUICK)
 
 
 @jax.jit
@@ -41,7 +32,7 @@ def walked(voltage, frequency, f_ss_a):
     """End-effector, relative velocity and friction force in the fourth cycle and at three phases of the next."""
     actuator = Actuator(SecondOrder(), AnisotropicLuGre(f_ss_a=f_ss_a))
     phases = np.append(3.0 + np.linspace(0.0, 1.0, 40_001)[1:-1], [4.2, 4.5, 4.8])
-    run = pdssjax.simulate(actuator, Sawtooth(voltage, frequency), phases / frequency)
+    run = pdssjax.simulate(actuator, Sawtooth(voltage, frequency), phases / frequency, QUICK)
     return run.effector, run.platform_velocity - run.effector_velocity, run.friction
 
 
@@ -60,7 +51,7 @@ def test_every_point_agrees_with_its_own_single_run(data):
 
 def test_further_metrics_are_those_of_a_single_run_sampled_densely(study):
     drives = {"drive.voltage": [64.0, 120.0], "drive.frequency": [50.0, 150.0], "friction.f_ss_a": [0.7964, 0.7]}
-    data = pdssjax.sweep(study, Listed(drives), metrics=FURTHER, workers=2)
+    data = pdssjax.sweep(study, Listed(drives), metrics=FURTHER, workers=2, accuracy=QUICK)
     assert not data.failure.any() and (data.settled == 0).all()
     for i, numbers in enumerate(zip(*drives.values(), strict=True)):
         _, velocity, friction = (np.asarray(part)[:-3] for part in walked(*numbers))
@@ -80,7 +71,7 @@ def test_points_are_labelled_with_units_and_say_what_was_held(data):
 
 def test_a_point_that_fails_is_nan_and_says_why(study):
     # A contact that yields within an atom's width takes more steps than there is room for.
-    data = pdssjax.sweep(study, GRID | {"friction.f_ss_a": [0.8, 1e-9]}, workers=2)
+    data = pdssjax.sweep(study, GRID | {"friction.f_ss_a": [0.8, 1e-9]}, workers=2, accuracy=QUICK)
     assert not data.failure.sel(friction_f_ss_a=0.8).any() and data.failure.sel(friction_f_ss_a=1e-9).all()
     failed = data.failure.values != 0
     assert np.isnan(data.net_step.values[failed]).all() and np.isfinite(data.net_step.values[~failed]).all()
@@ -137,7 +128,7 @@ def test_a_fast_flank_counts_the_same_whether_duty_or_fall_time_makes_it(study):
 
 def test_progress_is_told_block_by_block_and_the_cycle_is_the_same_without_further_metrics(study, data):
     told = []
-    plain = pdssjax.sweep(study, GRID, progress=lambda done, count: told.append((done, count)))
+    plain = pdssjax.sweep(study, GRID, accuracy=QUICK, progress=lambda done, count: told.append((done, count)))
     assert told[-1] == (12, 12)
     np.testing.assert_array_equal(data.net_step, plain.net_step)
     assert data.peak_friction.attrs["units"] == "N" and data.reversals.attrs["units"] == "1"
@@ -175,16 +166,12 @@ def test_axes_are_read_with_units_and_spacing(study):
 
 
 @pytest.mark.parametrize(
-    "text", ["1:2", "1:2:0", "1:2:x", "1:2:3:lin", "1:2:100000000000", "0:2:3:log", "1 kg:2 kg:3", "a:b:3", "1:2:²"]
+    "text",
+    ["1:2", "1:2:0", "1:2:x", "1:2:3:lin", "1:2:100000000000", "0:2:3:log", "1 kg:2 kg:3", "a:b:3", "1:2:²", "1e400"],
 )
 def test_an_axis_at_fault_is_refused(study, text):
     with pytest.raises(InputError, match=r"drive\.voltage"):
         read_axis("drive.voltage", text, study.legal())
-
-
-def test_a_number_beyond_all_is_refused_as_such(study):
-    with pytest.raises(InputError, match="expected a finite number"):
-        read_axis("drive.voltage", "1e400", study.legal())
 
 
 def test_the_command_writes_a_dataset_and_a_map(tmp_path, capsys, monkeypatch, data):

@@ -33,9 +33,4 @@ class Dahl(Law):
         return way * self.f_c * (1.0 - left)
 
 
-CASES = {
-    "": Dahl(),
-    "brittle": Dahl(exponent=0.5),
-    "more brittle": Dahl(exponent=0.3),
-    "ductile": Dahl(exponent=2.0),
-}
+CASES = {"": Dahl(), "brittle": Dahl(exponent=0.5), "more brittle": Dahl(exponent=0.3), "ductile": Dahl(exponent=2.0)}

@@ -1,10 +1,10 @@
 """A stack of elastoplastic elements behind an amplifier that limits its slew rate."""
 
+from parts import Sawtooth, SecondOrder
+
 from pdssjax import Amplifier, Sensor
 from pdssjax.actuator import DrivenPlatform
 from pdssjax.core import member
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import PlatformOnly
 
 HORIZON = 0.045

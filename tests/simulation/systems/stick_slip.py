@@ -1,10 +1,8 @@
 """An actuator that walks: the contact of (5.22) in its first reading, which jumps at reversals, with feedback."""
 
+from parts import AnisotropicLuGre, Coulomb, Sawtooth, SecondOrder
+
 from pdssjax import Actuator, Effector
-from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.friction.coulomb import Coulomb
-from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import StickSlip
 
 HORIZON = 0.045
