@@ -51,8 +51,8 @@ def pytest_runtest_setup():
     keep_programs_in(None, "")
 
 
-MUCH = 0.9
-"""Memory of a worker [GB] from which on what was compiled is dropped."""
+MUCH = 1.3
+"""Memory of a worker [GB] from which on what was compiled is dropped; two workers stay below 4 GB in all."""
 
 
 def memory():

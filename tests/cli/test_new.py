@@ -8,7 +8,7 @@ import fastjsonschema
 import instrument_files
 import numpy as np
 import pytest
-from walk_files import guessed, study_of, text_of
+from walk_files import detected_once as detected_once, guessed, study_of, text_of
 
 from pdssjax import InputError, load_study
 from pdssjax.cli import main as cli
@@ -16,7 +16,7 @@ from pdssjax.drive.sampled import Sampled
 from pdssjax.files import EXAMPLE, RigOptions
 from pdssjax.files.study_schema import study_schema
 
-pytestmark = pytest.mark.usefixtures("undrawn")
+pytestmark = pytest.mark.usefixtures("undrawn", "detected_once")
 
 LIU = Path(__file__).parents[2] / "experiments" / "liu2015"
 

@@ -7,14 +7,14 @@ import fabricated
 import numpy as np
 import pytest
 import scipy.signal
-from walk_files import guessed, study_by_command, study_of, text_of, walk_of
+from walk_files import detected_once as detected_once, guessed, study_by_command, study_of, text_of, walk_of
 
 from pdssjax import InputError, identify, load_study
 from pdssjax.drive.step import Step
 from pdssjax.files import RigOptions
 from pdssjax.study import make_recordings
 
-pytestmark = pytest.mark.usefixtures("undrawn")
+pytestmark = pytest.mark.usefixtures("undrawn", "detected_once")
 
 
 UNITS = {"time": "s", "voltage": "V", "displacement": "um"}

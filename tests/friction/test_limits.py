@@ -96,7 +96,7 @@ def test_elastoplastic_where_all_yields_is_lugre(sign):
     assert softer.force[-1] > zigzag(lugre, [0.3e-6]).force[-1] + 0.01
 
 
-@pytest.mark.parametrize("elastic_part", [0.9, 0.99, 0.999])
+@pytest.mark.parametrize("elastic_part", [0.9, 0.99])
 def test_an_elastoplastic_contact_that_hardly_yields_before_it_slides_becomes_a_bond(elastic_part):
     law = Elastoplastic(1e6, 0.0, 0.0, 0.6, 0.6, 1e-3, elastic_part)
     away = np.abs(force_along(law) - force_along(ResetIntegrator(1e6, 0.6, 0.0, 0.0))).max()

@@ -1,16 +1,32 @@
 """Texts of columns as files of instruments have them, and what `pdssjax new` makes of them."""
 
+import functools
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+import pytest
 
 from pdssjax import load_study
 from pdssjax.cli import main as cli
 from pdssjax.files import Hints, RigOptions, guess_file
 from pdssjax.files.new_study import study_text
+from pdssjax.metrics import Waveform, detect_waveform
 
 NOTHING, UNTOLD = MappingProxyType({}), RigOptions()
+
+
+@functools.cache
+def _detected(time: bytes, volts: bytes) -> Waveform:
+    return detect_waveform(np.frombuffer(time), np.frombuffer(volts))
+
+
+@pytest.fixture
+def detected_once(monkeypatch):
+    """Look for the waveform of the same samples once for all tests: most of the time of `pdssjax new` goes there."""
+    found = lambda time, volts: _detected(*(np.asarray(samples, float).tobytes() for samples in (time, volts)))
+    for module in ("files.channel_roles", "metrics.record_guess"):
+        monkeypatch.setattr(f"pdssjax.{module}.detect_waveform", found)
 
 
 def text_of(header, *columns, form=".6f"):

@@ -1,5 +1,7 @@
 """Metrics of walking (thesis, 3.4 and 3.5) give back what an analytic motion was made of, noise and all."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +13,7 @@ STROKE, BACK, FREQUENCY = 6.5e-6, 3.2e-6, 5.0
 NOISE, QUANTUM = 1e-8, 1e-8
 
 
+@functools.partial(jax.jit, static_argnames="fall")
 def stick_slip(time, fall=0.0, bend=0.0, stroke=STROKE, back=BACK, frequency=FREQUENCY):
     """An end-effector that slips at t = 0, 1/f, ...: back by `back` within `fall`, then forth by `stroke` [m].
 
