@@ -18,7 +18,6 @@ PATHS = re.findall(
 FAMILIES = "drive", "piezo", "friction", "study.measurement", "inference.losses", "inference.uncertainty.error_models"
 MEMBERS = [member(family, name) for family in FAMILIES for name in members(family)]
 NAMES = [*PATHS, *(f"{model.__module__}.{model.__qualname__}" for model in MEMBERS)]
-
 ARRAY = re.compile(r"\b(?:Float|Int|Bool|Num|Complex|Shaped)\[")
 UNIT = re.compile(r"\[[^\]\s]+(?: [^\]]+)?\]|\bSI\b|\bunits?\b|\bscale of the fit\b|\bdivided by\b")
 """A unit in brackets, or a word that says which: SI, the unit of something, the scale on which a fit works."""

@@ -15,22 +15,18 @@ import pdssjax
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "pdssjax"
-
 STOREYS = """
 core integration drive piezo friction actuator simulation metrics study inference sweeps selection design
 report files explore cli
 """.split()
 """Rooms, lowest first; each imports only rooms before it."""
-
 FAMILIES = (
     *("drive", "piezo", "friction", "simulation.systems"),
     *("inference.losses", "inference.uncertainty.error_models"),
 )
 """Folders whose members are known by their file."""
-
 FACELESS = {"cli": set(), "core": {"lazy"}}
 """Modules that other rooms may import although no face shows them."""
-
 HOMES = {
     "diffrax": {
         "integration.solver_names",
@@ -53,15 +49,12 @@ HOMES = {
     "h5netcdf": set(),
 }
 """The modules or folders that may import a heavy dependency."""
-
 WHOLE = """
 core integration drive piezo friction actuator simulation metrics study sweeps report inference
 """.split()
 """Rooms whose modules each hold a whole idea."""
-
 LEAST_IMPORTERS, LEAST_LINES = 2, 150
 """A module that is no member of a family has so many importers, or so many lines."""
-
 METHODS = {
     "integration.solver_names",
     "integration.step_methods.picard",
@@ -71,11 +64,8 @@ METHODS = {
     "study.resonances",
 }
 """Short and asked for once, but methods with a literature of their own: inside another file they would be hidden."""
-
 MOST_LINES, MOST_OF_A_FUNCTION = 500, 80
 """Lines of a file and of a function at most, docstrings included."""
-
-
 MODULES = sorted(PACKAGE.rglob("*.py"))
 SCRIPTS = [p for name in ("pdssjax", "tests", "experiments", "benchmarks") for p in sorted((ROOT / name).rglob("*.py"))]
 

@@ -17,13 +17,10 @@ import pdssjax
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "pdssjax"
 MODULES = sorted(PACKAGE.rglob("*.py"))
-
 SHAPED = {"Float", "Int", "Bool", "Complex", "Num", "Shaped", "UInt8", "Key"}
 """Of jaxtyping: what stands inside their brackets is an array with its shape."""
-
 BARE = {"tuple", "dict", "list", "set", "frozenset", "Callable", "Mapping", "Sequence", "Iterable", "Iterator"}
 """Say nothing of what they hold unless they are followed by brackets."""
-
 ARRAYS = {"Array", "ndarray"}
 """Say nothing of their shape unless they stand inside one of `SHAPED`."""
 
@@ -171,7 +168,6 @@ def calls(
     voltage = segment.voltage(0.0)
     rig = StickSlip(actuator, drive)
 """
-
 RIGHT = """
     identify(study, "joint", accuracy=accuracy)
     problem.whitened(problem.encode(starts))
@@ -188,7 +184,6 @@ RIGHT = """
     models.contact({"friction.sigma0": times[0], "friction.sigma1": 45.0})
     sweep(study, {"drive.voltage": times, "drive.frequency": np.array([5.0])})
 """
-
 SWAPPED = """
     identify(path)
     identify(accuracy)

@@ -17,8 +17,6 @@ from pdssjax.simulation import PlatformOnly, StickSlip
 
 FINE = dataclasses.replace(TIGHT, method=Taylor(10))
 W, XI, C = 6736.0, 0.1772, 1.007e-7
-
-
 SAMPLES = 100
 """Of every record: another number would be compiled anew."""
 

@@ -22,8 +22,6 @@ QUICK = Accuracy(method=Taylor(10))
 DRIVE = Sawtooth(64.0, 50.0, 5e-4)
 TIMES = jnp.linspace(0.0, 0.05, 20001)
 """Dense enough for a quadrature of the low-pass."""
-
-
 LEVEL = Effector()
 FAR = Stop(gap=1.0)
 """Out of reach."""

@@ -27,8 +27,6 @@ from pdssjax.integration import TIGHT
 
 SHORT = Problem(cycles=2, samples=101)
 needs_gcc = pytest.mark.skipif(CFloor().missing() is not None, reason="there is no gcc")
-
-
 ACCURACY = Accuracy(1e-13, 1e-13, Taylor(6))  # a low order: little to compile
 
 

@@ -14,18 +14,12 @@ from pdssjax import Study
 from pdssjax.files import EXAMPLE
 
 pytestmark = pytest.mark.slow
-
-
 TRUTH = {
     path: entry["value"]
     for path, entry in json.loads((EXAMPLE / "truth.json").read_text())["parameters"].items()
     if path != "piezo.mass"
 }
-
-
 SEEDS = range(20)
-
-
 REALISATIONS = 100
 
 

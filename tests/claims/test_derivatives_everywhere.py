@@ -21,8 +21,6 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.integration import TIGHT
 
 MANY = 3
-
-
 ONCE_WRONG = {
     "force, forward, 5 Hz": (131, 176),
     "reset-integrator": (137,),
@@ -161,15 +159,9 @@ def test_a_record_that_shows_nothing_has_right_derivatives():
 
 
 COUNT = 10
-
-
 STEPS = (1e-5, 1e-6, 1e-4)
-
-
 FINE_STEPS = (1e-8, 1e-9, 1e-10)
 """For the bristle law: of hundreds of bonds that snap each depends on those before, and gradients bend within 1e-6."""
-
-
 ASKED = 1e-4
 """Of the norm of the matrix."""
 

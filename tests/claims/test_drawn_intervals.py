@@ -19,7 +19,6 @@ from pdssjax.inference.uncertainty import drawn_intervals
 from pdssjax.inference.uncertainty.randomize_then_optimize import NothingToDraw
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
 STACK = "piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio"
 COMPILED = "/jax/core/compile/backend_compile_duration"
 

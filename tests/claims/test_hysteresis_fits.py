@@ -24,11 +24,7 @@ TRUTH = {
         **{f"threshold_{i}": f'"{volts} V"' for i, volts in enumerate((3, 12, 20, 32), start=1)},
     },
 }
-
-
 LINEAR = {"gain": '"0.12 um/V"', "natural_frequency": '"5200 rad/s"', "damping_ratio": "0.25"}
-
-
 RECORD = """
 [[record]]
 name = "{name}"
@@ -39,14 +35,10 @@ noise = "10 nm"
 sampling = {{ start = "{start}", end = "{end}", interval = "{interval}" }}
 drive = {{ waveform = {drive} }}
 """
-
-
 STEPS = {
     "quick": dict(start="-1 ms", end="30 ms", interval="50 us", drive='"step", voltage = "60 V"'),
     "slow": dict(start="-10 ms", end="3 s", interval="1 ms", drive='"step", voltage = "60 V"'),
 }
-
-
 LOOPS = {
     f"loops_{volts}": dict(
         start="0 s",
@@ -139,8 +131,6 @@ status = main(sys.argv[1:])
 peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
 print(status, peak.split()[1])
 """
-
-
 MEASURED = Path(__file__).parents[2] / "experiments" / "aye2018" / "study.toml"
 
 
@@ -172,11 +162,7 @@ def test_the_very_first_run_of_the_command_stays_below_a_gigabyte(tmp_path):
 
 NOISE = 0.0105
 """Of the sensor [um]."""
-
-
 RIG = Rig(reading="force", feedback=True, stack=0.5, load=-0.25, fall=3e-4, cycle=0.1, rests_under_load=True)
-
-
 LIFTED = {
     "piezo.gain": RIG.gain,
     "piezo.natural_frequency": RIG.frequency,
@@ -188,8 +174,6 @@ LIFTED = {
     "friction.f_ss_a": RIG.f_ss[0],
     "friction.f_ss_b": RIG.f_ss[1],
 }
-
-
 HEAD = """\
 format = "pdssjax-study/1"
 title = "A rig that lifts"
@@ -207,8 +191,6 @@ rests_under_load = {rests}
 "piezo.mass" = {{ value = 0.5 }}
 "drive.fall_time" = {{ value = "0.3 ms" }}
 """
-
-
 DRIVE = 'drive = {{ waveform = "sawtooth", direction = "{}", voltage = "64 V", frequency = "10 Hz" }}'
 
 

@@ -17,9 +17,7 @@ from pdssjax.files import EXAMPLE, RigOptions
 from pdssjax.files.study_schema import study_schema
 
 pytestmark = pytest.mark.usefixtures("undrawn", "detected_once")
-
 LIU = Path(__file__).parents[2] / "experiments" / "liu2015"
-
 RIG = {
     "sawtooth_5Hz_A": ("sawtooth", "forward", 64.2, 5.0),
     "sawtooth_5Hz_B": ("sawtooth", "backward", 64.2, 5.0),
@@ -29,7 +27,6 @@ RIG = {
     "validation_20Hz_B": ("sawtooth", "backward", 64.2, 20.0),
 }
 """Of the packaged records: waveform, direction, voltage and frequency."""
-
 UNITS = {"time": "s", "voltage": "V", "displacement": "um"}
 
 
@@ -69,10 +66,7 @@ def upside_down(file, name):
 
 
 WAYS = [without_header, in_another_order, with_a_row_of_units, as_an_oscilloscope, upside_down]
-
-
 QUICK = {(without_header, name) for name in ("sawtooth_5Hz_B", "step_48p2V")}
-
 WRITTEN = [
     pytest.param(
         *(way, name),
@@ -220,7 +214,6 @@ def test_a_voltage_that_no_waveform_explains_is_the_drive_itself(tmp_path):
 
 ALIKE = "time_s,a_V,b_V,x_um\n" + "".join(f"{k}e-4,{k % 40},{k % 40},{k % 7}\n" for k in range(400))
 BARE = "".join(f"{k * 1e-4:.4f},{k % 40},{(k % 40) ** 1.5:.3f}\n" for k in range(400))
-
 TIME = 1e-4 * np.arange(4000)
 RINGS = 50.0 * np.mod(10.0 * TIME, 1.0)
 RINGING = 0.1 * RINGS - 5.0 * np.exp(-20.0 * np.mod(TIME, 0.1)) * np.cos(600.0 * np.mod(TIME, 0.1))

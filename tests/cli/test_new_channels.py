@@ -15,8 +15,6 @@ from pdssjax.files import RigOptions
 from pdssjax.study import make_recordings
 
 pytestmark = pytest.mark.usefixtures("undrawn", "detected_once")
-
-
 UNITS = {"time": "s", "voltage": "V", "displacement": "um"}
 
 
@@ -126,8 +124,6 @@ noise = "0.02 mm/s"
 drive = {{ {drive} }}
 sampling = {{ start = "-20 ms", end = "{end}", interval = "50 us" }}
 """
-
-
 DRIVES = {
     "platform": ('waveform = "step", voltage = "40 V", rise_time = "0.3 ms"', "0.1 s"),
     "effector": (
@@ -191,8 +187,6 @@ def test_a_velocity_without_units_is_named(tmp_path):
 
 
 HEADER = "time_s,voltage_V,displacement_um"
-
-
 PLATFORM = "--measures", "platform"
 
 

@@ -15,7 +15,6 @@ from pdssjax.cli.main import COMMANDS
 from pdssjax.core import MOST_SEED, check_executor
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
 NEEDED = {
     "identify": ["--out", "out"],
     "simulate": ["study.toml", "--out", "out"],

@@ -12,7 +12,6 @@ NAMES = members("inference.uncertainty.error_models")
 every = pytest.mark.parametrize(
     "model", [member("inference.uncertainty.error_models", name)() for name in NAMES], ids=NAMES
 )
-
 RANDOM = np.random.default_rng(6)
 
 

@@ -14,7 +14,6 @@ from pdssjax.core import factor
 from pdssjax.study import MOVING, Samples, make_recordings
 
 VARIANTS = measured_study.variants()
-
 every = pytest.mark.parametrize("measurement", VARIANTS, ids=measured_study.label)
 
 

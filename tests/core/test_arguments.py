@@ -52,8 +52,6 @@ def test_single_precision_is_refused_by_the_name_of_the_call():
 
 
 STUDY = pdssjax.load_study(EXAMPLE / "study.toml")
-
-
 PATH = EXAMPLE / "study.toml"
 
 

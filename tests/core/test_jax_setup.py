@@ -17,20 +17,10 @@ from pdssjax.core import MiscompilationError, jax_setup, one_blas_thread
 from pdssjax.core.jax_setup import add_xla_flags, cache_folder, in_jaxlib, usable_cache, xla_flags
 
 LIGHT = "--xla_cpu_use_fusion_emitters=false"
-
-
 WHOLE = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
-
-
 LEVEL = "--xla_backend_optimization_level=1"
-
-
 SUMS = "--xla_disable_hlo_passes=tree_reduction_rewriter"
-
-
 PARTS = "--xla_cpu_parallel_codegen_split_count=1"
-
-
 PROGRAM = """
 from pdssjax.core import prepare_jax
 prepare_jax(dedicated=DEDICATED)

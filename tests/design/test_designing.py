@@ -29,8 +29,6 @@ LIMITS = Limits(
     noise={"platform": 1e-8},
 )
 """A platform alone, whose motion is known in closed form: quick to compile."""
-
-
 BUDGET = Resources(240, 2)
 
 
@@ -101,8 +99,6 @@ def test_a_rehearsal_has_the_errors_that_were_promised(plan):
 
 
 PERIOD, FINEST, DURATION = 0.2, 1e-3, 2.0
-
-
 BURSTS = Schedule(first=1, windows=4, lead=0.01, samples=10, interval=1e-3, shifts=4)
 
 

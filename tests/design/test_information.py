@@ -13,14 +13,8 @@ from pdssjax.design.exchange import Candidates, Search, chosen, promising
 from pdssjax.design.information import check_seen, inverse_of, least_squares_errors, unseen_combinations, whitened
 
 RANDOM = np.random.default_rng(4)
-
-
 TIMES = np.sort(RANDOM.uniform(0.0, 0.3, 40))
-
-
 COLUMNS = RANDOM.normal(size=(40, 3))
-
-
 COLOURED, WHITE = Noise(0.7, 0.05), Noise(0.7)
 
 

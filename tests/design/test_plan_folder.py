@@ -16,7 +16,6 @@ from pdssjax.files import plan_folder, read_design, write_plan
 from pdssjax.report.text import format_design
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
 DESIGN = """
 [design]
 voltage = ["20 V", "100 V"]

@@ -24,8 +24,6 @@ DRIVES = OWN | {"held": ZeroOrderHold(Triangle(30.0, 20.0, 0.3), 1e-3), "held sa
 EVERY = pytest.mark.parametrize("name", DRIVES)
 EVERY_OWN = pytest.mark.parametrize("name", OWN)
 END = 0.45
-
-
 COUNT = 1024
 """Segments that are looked at, as many of every drive: another number would be compiled anew."""
 

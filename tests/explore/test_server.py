@@ -18,8 +18,6 @@ from pdssjax.explore.widgets.server import Site, page_server  # noqa: E402  (nee
 
 SITE = Site(5006, "5ec7e7")
 HERE = {"Host": "127.0.0.1:5006"}
-
-
 NEEDED = ("/5ec7e7", "/5ec7e7/ws", "/static/js/bokeh.min.js")
 
 

@@ -117,14 +117,8 @@ def test_parameters_without_a_number_are_asked_for_by_name(tmp_path):
 
 
 POSITIVE = Quantity(1.0, "N/m", True, 0.0, float("inf"), False)
-
-
 SIGNED = Quantity(0.0, "N", False, -float("inf"), float("inf"), True)
-
-
 FROM_ZERO = Quantity(0.0, "s", False, 0.0, float("inf"), True)
-
-
 SHARE = Quantity(1.0, "", True, 0.0, 1.0, True)
 
 

@@ -25,8 +25,6 @@ from pdssjax.core import member, members, quantities
 from pdssjax.friction.base import deflection_scale
 
 PATH = [0.7e-6, -1.1e-6, 0.4e-6, 0.1e-6, 3e-6]
-
-
 SPEEDS = [1e-3, 2e-4, 3e-3, 1e-3, 5e-4]
 
 
@@ -45,8 +43,6 @@ def force_along(law: AbstractFriction, x: np.ndarray | None = None) -> np.ndarra
 ONE_ELEMENT = dict(
     zip((f"{kind}_{i}" for kind in ("stiffness", "strength") for i in (2, 3, 4)), [1e-3] * 3 + [1e-9] * 3, strict=True)
 )
-
-
 LIMITS = {
     "lugre without stribeck effect is the simplified law": (
         LuGre(1e6, 45.0, 0.0, 0.6, 0.6, 1e-3),
@@ -204,17 +200,9 @@ def under_load(law, force):
 
 
 SLIDING = [member("friction", name) for name in members("friction")]
-
-
 CLOSED = [law for law in SLIDING if law.slides_in_closed_form()]
-
-
 READINGS = [law(**words) for law in CLOSED for words in ({}, {"state": "force"})[: 1 + hasattr(law(), "state")]]
-
-
 DAHLS = [Dahl(exponent=exponent) for exponent in (0.5, 1.0 - 1e-7, 1.5)]
-
-
 every = pytest.mark.parametrize("law", [*READINGS, *DAHLS], ids=lambda law: type(law).__name__)
 
 
@@ -287,11 +275,7 @@ def test_a_law_without_a_rate_has_one_force_whatever_the_pace():
 
 WITHOUT = {"coulomb", "stribeck"}
 """Nothing of them deflects."""
-
-
 LAWS = sorted(set(members("friction")) - WITHOUT)
-
-
 _FORCES = ("f_", "strength", "epsilon")
 """What the fields begin with to which the deflection at which a law yields is proportional."""
 

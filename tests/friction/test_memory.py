@@ -27,7 +27,6 @@ INDEPENDENT = {
     "maxwell without weakening": GeneralizedMaxwellSlip(weakened=1.0),
 }
 """Laws that see the path only."""
-
 PASSIVE = INDEPENDENT | {
     "stribeck": Stribeck(),
     "dahl, ductile": Dahl(exponent=2.0),
@@ -37,10 +36,7 @@ PASSIVE = INDEPENDENT | {
     "reset integrator": ResetIntegrator(),
 }
 """Laws that cannot create energy; the bristles begin with some, which they may give back."""
-
 TURNS = [1.1e-6, 0.2e-6, 0.9e-6, -1.4e-6, -0.3e-6, -0.5e-6, 2.5e-6, 2.4e-6, 2.45e-6, -0.1e-6, 0.1e-6, -3e-6, 0.0]
-
-
 QUICK = "dahl, brittle", "elastoplastic", "reset integrator", "maxwell without weakening"
 
 

@@ -25,7 +25,6 @@ ORDER, COARSE = 12, 5
 """Orders of the series for values, and for derivatives."""
 CHANGE, PACE = 4.0, 4e-4
 """Rate of the velocity [m/s2] and the velocity at first [m/s], in the direction of motion."""
-
 BRANCHES = [("early", 0.02e-6, 1e-5), ("elements slip", 0.3e-6, 1e-5), ("late", 1.9e-6, 1e-5)]
 """How far the contact has slid before [m], and for how long it is expanded [s]; a fifth of that for derivatives."""
 SIGNED = [(BRANCHES[0], 1.0), (BRANCHES[1], -1.0), slow(BRANCHES[2], -1.0)]

@@ -12,7 +12,6 @@ from urllib.parse import urlsplit
 import pytest
 
 BROWSERS = "chromium", "chromium-browser", "google-chrome", "chrome"
-
 PATIENCE = 120_000
 """Milliseconds in which something must have come: what is compiled on a machine that does much else."""
 
@@ -38,10 +37,8 @@ const deep = (selector, root = document) => {
 };
 """
 """Finds an element also within the widgets, each of which has a tree of its own."""
-
 SELDOM = 200
 """Milliseconds between looks at a page: by default it is looked through in every frame, while a server computes."""
-
 CHI2 = "() => {" + DEEP + "const e = deep('.headline'); return e && e.shadowRoot.textContent.includes('chi-square'); }"
 
 

@@ -10,7 +10,6 @@ LAWS = {
     "lugre": {"sigma0": "1 N/um", "sigma1": "45 N s/m", "f_c": "0.55 N", "f_s": "0.65 N", "v_s": "1 mm/s"},
 }
 """Each law with its parameters as they truly are."""
-
 _HEAD = """\
 format = "pdssjax-study/1"
 title = "Four kinds of records"
@@ -27,9 +26,7 @@ friction = "{law}"
 "stop.dissipation" = {{ value = "10 s/m" }}
 {more}
 """
-
 _NOISE = 'noise = "0.01 um"'
-
 _SAWTOOTH = 'drive = { waveform = "sawtooth", direction = "forward", voltage = "60 V", frequency = "20 Hz" }'
 
 

@@ -13,7 +13,6 @@ TIME = START + INTERVAL * np.arange(COUNT)
 VOLTAGE = np.round(np.where(TIME < 0, 0.0, 48.2), 4)
 MOTION = np.round(4.8 - 6.0 * np.exp(-900.0 * np.maximum(TIME, 0.0)) * np.cos(6600.0 * TIME), 4)
 """[um]"""
-
 ROWS = list(zip(TIME, VOLTAGE, MOTION, strict=True))
 
 
@@ -80,7 +79,6 @@ TEXTS: dict[str, Callable[[Path], None]] = {
     "no header, decimal comma": _text("", rows(";", ",")),
 }
 """By dialect; time, voltage and displacement are the first three columns of numbers."""
-
 SCOPES: dict[str, Callable[[Path], None]] = {"Tektronix TDS": _tek, "Rigol": _rigol}
 
 

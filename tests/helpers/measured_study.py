@@ -8,7 +8,6 @@ from pdssjax import AbstractMeasurement
 from pdssjax.core import choices, member, members
 
 FAMILY = "study.measurement"
-
 PARAMETERS = {
     "piezo.gain": '"0.1 um/V"',
     "piezo.natural_frequency": '"6700 rad/s"',
@@ -21,16 +20,12 @@ PARAMETERS = {
     "stop.dissipation": '"10 s/m"',
 }
 """Of every part that may move, as a study writes their numbers."""
-
 STICKS = {"friction.f_c": '"0.65 N"'}
 """Of a contact that sticks, Coulomb's, in place of those of the friction."""
-
 NOISE = {"m": "0.01 um", "m/s": "5 um/s", "N": "2 mN", "m/s^2": "0.5 m/s^2"}
 """By the unit of a measurement; others have none."""
-
 PLAN = {"m": "3 um", "Hz": "100 Hz", "s": "1 ms", "V": "10 V"}
 """Numbers of a planned record, by their unit."""
-
 STEP = 'drive = { waveform = "step", voltage = "60 V" }'
 WALK = 'drive = { waveform = "sawtooth", direction = "forward", voltage = "60 V", frequency = "100 Hz" }'
 SLOW_FALL = WALK.replace("100 Hz", "50 Hz").replace(" }", ', fall_time = "0.8 ms" }')

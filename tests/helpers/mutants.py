@@ -33,10 +33,8 @@ from pdssjax.sweeps import BlockPlan, blank
 
 MEMORY = 2 << 30
 """Bytes that the mutants of a process may take beyond what it begins with."""
-
 SECONDS = 20
 """Of processor time that one mutant may take, however busy the machine is."""
-
 ODD = [
     *("", "nan", "-inf", "1e999", "-1", "0", "-0.0", "1e-320", "9" * 400, "0x" + "f" * 5000, "1_0", "true", "[]", "{}"),
     *("\0", "µ步\u202e", '"', "'", "\\", "..", "/", "--", "=", "a=b", "1:2:3", "1:2:0", "0:0:9", ",", "1,,2", "none"),
@@ -44,7 +42,6 @@ ODD = [
     *("friction.f_ss=1:2:3", "drive.voltage=nan", "piezo.gain=0", "drive.voltage=1 V", "speed=inf", "displacement=um"),
 ]
 """In place of numbers and words."""
-
 NUMBER = re.compile(r'"[^"\n]*"|[-+]?\d[\w.+-]*|\b[a-z_]+\b')
 
 
@@ -318,7 +315,6 @@ KINDS: dict[str, Callable[[Path], Callable[[random.Random], None]]] = {
     },
 }
 """By name, what makes the attempt of one mutant, in a folder."""
-
 SLOW = ("MATLAB 4", "MATLAB 5", "MATLAB struct")
 """Kinds of which each mutant is read by a process of its own."""
 

@@ -14,7 +14,6 @@ import numpy as np
 from jax import lax
 
 DATA = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
-
 _LARGEST = 9, 250
 """Parameters and observations that the largest problems have."""
 

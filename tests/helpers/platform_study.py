@@ -5,9 +5,7 @@ import numpy as np
 from record_tables import step_table, write_columns
 
 GAIN, RATE, DAMPING, ZERO, NOISE = 1.1e-7, 6000.0, 0.2, 0.3e-6, 1e-8
-
 NOISE_LINE = 'noise = "0.01 um"'
-
 _HEAD = """\
 format = "pdssjax-study/1"
 title = "Platform alone"
@@ -24,7 +22,6 @@ friction = "simplified-lugre"
 "friction.sigma1" = { value = 45 }
 "friction.f_ss" = { value = 0.65 }
 """
-
 PLATFORM = "\n".join([_HEAD, step_table(NOISE_LINE)])
 
 

@@ -14,7 +14,6 @@ from tests.reference.independent import Rig
 
 SAMPLES = 120
 """Samples a record, the same everywhere: another number would be compiled anew."""
-
 NAMES = "gain frequency damping stack mass load s0_a s0_b s1_a s1_b f_ss_a f_ss_b voltage rate fall forward".split()
 
 

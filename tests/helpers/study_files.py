@@ -26,7 +26,6 @@ feedback = false
 "friction.f_ss" = {}
 "drive.fall_time" = { value = "1 ms" }
 """
-
 STUDY = "\n".join(
     [
         _HEAD,

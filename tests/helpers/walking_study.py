@@ -30,7 +30,6 @@ friction = "simplified-lugre"
 "friction.f_ss" = { value = "0.65 N" }
 "drive.fall_time" = { value = 0 }
 """
-
 STUDY = "\n".join([_HEAD, step_table(platform_study.NOISE_LINE), sawtooth_table('role = "validate"', voltage="64 V")])
 
 

@@ -15,11 +15,8 @@ from pdssjax.integration.taylor_series import polynomial
 
 MOST_STEPS = 3
 """That may end before an event until it is located."""
-
 SIZE = 17
 """Coefficients of a guard: those of a step of order 16."""
-
-
 LENGTH = 1e-4
 """Of a step [s]."""
 

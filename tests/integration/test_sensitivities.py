@@ -18,15 +18,9 @@ from tests.reference.independent import Rig
 
 FINE = dataclasses.replace(TIGHT, method=Taylor(12))
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
-
-
 PARAMETERS = NAMES[:-1]  # all but the direction
-
-
 SIZES = dict(zip(NAMES, values(Rig(load=0.1, fall=1e-3)), strict=True))
 """What counts as a change of size 1 of each parameter."""
-
-
 RIGS = {
     "forward": Rig(),
     "backward, fall time": Rig(forward=False, fall=9e-4),
@@ -35,8 +29,6 @@ RIGS = {
     "force, feedback": Rig(reading="force", feedback=True, fall=9e-4),
     "force, feedback, uphill, backward": Rig(reading="force", feedback=True, load=0.1, forward=False, fall=1e-3),
 }
-
-
 QUICK = "forward", "downhill, sticks, fall time"
 
 
@@ -73,8 +65,6 @@ def test_every_parameter_against_differences(name):
 
 
 LATE = np.concatenate([np.linspace(1e-4, 0.02, 50), np.linspace(0.03, 0.4, 50)])
-
-
 WALK = Sawtooth(60.0, 2.0, 1e-3)
 
 

@@ -22,14 +22,8 @@ from pdssjax.integration import cosine_and_sine, steady_state
 from pdssjax.integration.steady_cycle import PERIODS, _remaining
 
 FINE = Accuracy(tolerance=1e-14, method=Taylor(8), max_steps=256)
-
-
 TOLERANCE = 1e-11
-
-
 DRIFT = 0.25
-
-
 FORCED = jnp.array([1.0, 0.3, 1.3])
 """P, F and w: the mass never stops for longer than an instant."""
 
@@ -173,11 +167,7 @@ def test_cycles_that_are_equal_to_rounding_are_enough():
 
 
 RESTITUTION, RATE = 0.5, 2.0 * np.pi
-
-
 COARSE = Accuracy(tolerance=1e-14, method=Taylor(4), max_steps=256)
-
-
 DOUBLES = np.hypot((1 - RESTITUTION) / (2 * (1 + RESTITUTION)), 1 / RATE)
 """The W at which the motion that bounces in every period gives way to one that repeats in every second."""
 

@@ -21,12 +21,8 @@ from tests.reference.independent import Rig
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.0034
 """Two drops at 5 Hz."""
-
-
 STIFF = Rig(mass=0.1, s0=(1.67e6, 1.67e6), s1=(6000.0, 6000.0), f_ss=(3.0, 3.0), voltage=30.0)
 """The contact of Liu's actuator as published: overdamped by a factor of 7."""
-
-
 LONG = np.linspace(0.01, 0.6, SAMPLES)
 
 
@@ -138,8 +134,6 @@ def test_a_slope_that_is_not_finite_bounds_nothing():
 
 
 SEEN_AT = np.linspace(0.0, 20.0, 41)
-
-
 START = {"x": jnp.array(2.0), "v": jnp.array(0.0)}
 
 
@@ -189,8 +183,6 @@ def test_what_is_no_order_and_no_real_state_is_refused():
 
 ORDER = 6
 """Of every series: high enough for all terms to show, low enough to compile fast."""
-
-
 FIELDS = {
     "product": lambda t, x: [x[0] * x[1] * 0.3, x[1] * x[1] - x[0] * (t * 0.5), 0],
     "product with the same": lambda t, x: [x[0] * x[0] + (x[0] * 2.0) * (x[1] * 3.0), x[1] * x[0], 0],
@@ -201,8 +193,6 @@ FIELDS = {
     "constants": lambda t, x: [x[2] * x[2] + constant(x[0]), 0.4, 0],
     "a component at rest": lambda t, x: [x[0] * x[2], x[2] / x[0], 0],
 }
-
-
 STATES = jnp.array([[0.8, 1.1, 0.6], [1.7, 0.4, 2.0], [1.0, 1.0, 1.0]])
 """Three solutions side by side, each with its three components."""
 

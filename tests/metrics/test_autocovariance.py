@@ -20,8 +20,6 @@ from pdssjax.metrics import (
 from pdssjax.metrics.coloured_noise import _deviances
 
 RANDOM = np.random.default_rng(5)
-
-
 EVERYWHERE = np.arange(4000)
 
 

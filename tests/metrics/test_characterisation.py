@@ -14,7 +14,6 @@ from pdssjax.files import write_characterisations
 from pdssjax.report.figures import cycle_figure
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
 EXAMPLE = Path(pdssjax.__file__).parent / "example"
 MEASURED = Path(__file__).parents[2] / "experiments" / "liu2015" / "endeffector_3to5s_500Hz.csv"
 PER_CYCLE = 160

@@ -11,8 +11,6 @@ from pdssjax.metrics.cycle_detection import (
 )
 
 INTERVAL = 1e-3
-
-
 TIME = np.arange(0.0, 4.0, INTERVAL)
 
 
@@ -70,8 +68,6 @@ def test_too_few_samples_are_refused():
 
 
 PERIOD = 0.05
-
-
 NET = 3e-7
 
 
@@ -104,11 +100,7 @@ def test_less_than_two_cycles_tell_nothing():
 
 
 SLIP_TIME = 1e-4 * np.arange(10_000)
-
-
 PREDICTED = fabricated.walk_motion(SLIP_TIME)
-
-
 SLIP_NOISE = 1e-8 * np.random.default_rng(2).standard_normal(SLIP_TIME.size)
 
 

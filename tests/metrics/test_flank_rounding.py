@@ -51,11 +51,7 @@ def test_a_jump_between_two_samples_and_other_waveforms_tell_nothing():
 
 
 NUMBERS = np.array([60.0, 0.13, 0.021, 0.013])
-
-
 STEPS = 1e-6 * NUMBERS
-
-
 TIME = np.linspace(-0.2, 1.0, 61)
 
 

@@ -81,11 +81,7 @@ def test_what_is_missing_is_passed_over():
 
 
 CLIPPED_TIME = np.arange(0.0, 1.0, 1e-3)
-
-
 MOTION = np.mod(20.0 * CLIPPED_TIME, 1.0) + 3.0 * CLIPPED_TIME
-
-
 CLIPPED_NOISE = 0.01 * np.random.default_rng(5).normal(size=CLIPPED_TIME.size)
 
 

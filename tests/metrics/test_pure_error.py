@@ -8,8 +8,6 @@ from scipy.signal import lfilter
 from pdssjax.metrics import lack_of_fit, unevenness
 
 FREQUENCY, CYCLES = 5.0, 6
-
-
 RANDOM = np.random.default_rng(3)
 
 
@@ -68,8 +66,6 @@ def test_a_record_that_hardly_repeats_says_nothing():
 
 
 STEP = 1e-3
-
-
 COLOURS = {"white": [], "one millisecond in ten": [0.9], "slow": [0.95], "ringing": [1.8, -0.9]}
 
 

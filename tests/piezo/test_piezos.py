@@ -23,8 +23,6 @@ from tests.reference.combinations.motion import simulate
 from tests.reference.combinations.rig import rig_of
 
 PIEZOS = {"second-order": SecondOrder, "creep": Creep, "bouc-wen": BoucWen, "maxwell-slip": MaxwellSlip}
-
-
 W = 6736.0
 
 
@@ -122,11 +120,7 @@ def test_creep_adds_as_much_in_every_decade():
 
 
 TIMES = np.array([1e-9, 1e-4, 0.1, 0.9, 1.1, 1.8, 1.9, 2.5, 3.5, 4.1, 4.2, 5.0, 8.0, 20.0])
-
-
 DAMPINGS = [0.01, 0.3, 1.0, 1.019, 1.021, 3.0, 8.0]
-
-
 H = 1e-5
 
 

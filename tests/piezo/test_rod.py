@@ -17,7 +17,6 @@ from pdssjax.piezo import Modes, Rod, modes_needed, roots, step_response, trunca
 modes, shapes = (jax.jit(function, static_argnums=1) for function in (piezo.modes, piezo.shapes))
 truncation_transfer = jax.jit(piezo.truncation_transfer, static_argnums=(1, 3))
 """Compiled whole, not operation by operation."""
-
 RATIOS = [0.0, 1e-6, 0.01, 0.3, 1.0, 24.7, 138.8, 1e4, 1e8]
 
 

@@ -16,7 +16,6 @@ from tests.reference.independent import Rig, simulate
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
 """Off the corners of the drive, where the force of a stuck contact jumps."""
-
 RIGS = {
     "fall time": Rig(fall=9e-4),
     "fall time, backward": Rig(fall=9e-4, forward=False),

@@ -14,7 +14,6 @@ from tests.reference.independent import Rig, simulate
 # By default `test_independent` has both states, `test_sensitivities` derivatives, and `tests/study/test_prediction.py`
 # a trajectory of the stored reference.
 pytestmark = pytest.mark.slow
-
 REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "sawtooth.json").read_text())
 TIMES = np.array(REFERENCE["times_s"])
 COLUMNS = [

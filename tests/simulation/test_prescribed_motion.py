@@ -13,8 +13,6 @@ from pdssjax.simulation import FRICTION_FORCE, PrescribedMotion, sensor_samples
 
 QUICK = Accuracy(method=Taylor(8))
 TIMES = np.linspace(0.0, 1.0, 401)
-
-
 MOTION = 2e-6 * np.interp(TIMES, [0.0, 0.2, 0.6, 1.0], [0.0, 1.0, -1.0, 0.5])
 """A triangle: up, down, up."""
 
@@ -41,8 +39,6 @@ def dahl_by_hand(stiffness: float, level: float) -> np.ndarray:
 
 UNDAMPED = SimplifiedLuGre(sigma1=0.0)
 """The same as Dahl's law with the exponent 1, and compiled in a fifth of the time."""
-
-
 of_dahl = pytest.mark.parametrize(
     "law", [pytest.param(Dahl(), id="dahl", marks=pytest.mark.slow), pytest.param(UNDAMPED, id="simplified-lugre")]
 )
@@ -99,15 +95,9 @@ def test_elements_that_slip_at_their_limit_have_finite_and_right_derivatives():
 
 
 PLACED_AT = np.linspace(0.0, 1.0, 81)
-
-
 PLACES = 2e-6 * np.interp(PLACED_AT, [0.0, 0.21, 0.4, 0.45, 1.0], [0.0, 1.0, -1.0, -1.0, 0.5])
 """A triangle with a rest."""
-
-
 CLOSED = [name for name in members("friction") if member("friction", name).slides_in_closed_form()]
-
-
 BY_DEFAULT = ("coulomb", "reset-integrator")
 
 

@@ -14,7 +14,6 @@ from pdssjax.simulation.flat_vector_field import drive_clock
 
 ACTUATOR, DRIVE = Actuator(SecondOrder(), AnisotropicLuGre()), Sawtooth(64.0, 5.0, 1e-3)
 _RATES = eqx.filter_jit(lambda f, y: f(0.01, y))
-
 TIMES = np.linspace(0.0, 1e-4, 300)
 """The platform's first way up, where the relative motion has not turned yet; as many as in `test_velocity_jumps`."""
 

@@ -16,8 +16,6 @@ from tests.reference.combinations.rig import rig_of
 
 QUICK = Accuracy(method=Taylor(8))
 MASS = 0.086
-
-
 JUMPED = np.linspace(1.3e-6, 3e-3, 31)
 
 
@@ -85,8 +83,6 @@ def test_derivatives_that_are_right_take_a_tenth_more_steps_at_most(state, direc
 
 
 AMPLITUDE = 1e-11
-
-
 FAST, SLOW = 1.0, 1e-6
 """Slopes of a guard: of v, so accelerations [m/s2]; the ringing of a platform of 6736 rad/s by 1e-11 m has 5e-4."""
 

@@ -14,15 +14,9 @@ from pdssjax.simulation import STOP_FORCE, StickSlip, sensor_samples
 
 VOLTS = np.array([0.0, 0.0, 60.0, 60.0, 0.0, 0.0])
 """Rest, a pulse with steep flanks, rest."""
-
-
 INSTANTS = np.array([0.0, 0.0, 1e-4, 2e-3, 2.1e-3, 1.0])
-
-
 TIMES = np.append(-1e-3, np.linspace(0.0, 8e-3, 20))
 """From the end of the wait on."""
-
-
 RIGS = {
     "lugre": ("lugre", {}, False, False, 0.0, False),
     "dahl": ("dahl", {}, False, False, 0.0, False),
@@ -34,8 +28,6 @@ RIGS = {
     "force": ("anisotropic-lugre", {"state": "force"}, False, True, 0.0, False),
     "sticking": ("coulomb", {}, False, False, 0.0, False),
 }
-
-
 QUICK = ("a load that sets in",)
 """What the default tests look at: the others are compiled in slow ones."""
 
@@ -78,21 +70,11 @@ def test_a_wait_takes_no_steps_and_changes_nothing(rig):
 
 PULL = 0.06
 """Uphill for none of the laws below, which come to rest under it either way [N]."""
-
-
 DELAY, LATER = 0.004, 0.25
 """When the voltage begins to move; how much later so that what the load set off has died out [s]."""
-
-
 CORNERS = np.array([0.0, DELAY, 0.024, 0.0242, 0.03, 0.05, 0.0502])
-
-
 LEVELS = np.array([0.0, 0.0, 64.0, 0.0, 0.0, 64.0, 0.0])
-
-
 SEEN_AT = np.linspace(1e-4, 0.06, 100)
-
-
 LOADED = {
     "lugre": ("second-order", "lugre", False),
     "coulomb": ("second-order", "coulomb", True),
@@ -108,8 +90,6 @@ def actuator(rig: str, effector: Effector, rests: bool = True) -> Actuator:
 
 
 QUICKLY = Accuracy(method=Taylor(8))
-
-
 QUICK_LAWS = ("coulomb",)
 """What the default tests look at."""
 
@@ -146,11 +126,7 @@ def test_the_derivative_by_a_load_of_zero_is_whole_while_the_voltage_waits(rig):
 
 
 C, W, XI, SLOPE = 1.007e-7, 6736.0, 0.1772, 320.0
-
-
 STIFFNESS, DISSIPATION = 1e5, 10.0
-
-
 MET_AT = np.concatenate([np.linspace(2e-5, 2e-3, 40), np.linspace(3e-3, 0.19, 40)])
 
 

@@ -58,11 +58,7 @@ def test_a_fit_that_ends_at_its_upper_bound_can_be_predicted(path, started):
 
 
 RANDOM = np.random.default_rng(0)
-
-
 TIME = np.arange(800) / 100.0
-
-
 NOISE = 1e-8
 
 

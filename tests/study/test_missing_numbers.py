@@ -19,7 +19,6 @@ from pdssjax.study import numbers_used
 from pdssjax.sweeps import sweeping
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
 ASKED = ["piezo.natural_frequency", "friction.sigma0", "friction.sigma1", "friction.f_ss"]
 """What the study of `study_files` gives no number."""
 REMEDIES = ["--estimate", "--guess", "pdssjax.initial_guess(study)", "{ start = ... }"]

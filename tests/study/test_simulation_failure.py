@@ -14,7 +14,6 @@ from pdssjax.inference import Ending, least_squares as fitting
 from pdssjax.study import failure_cause, make_recordings
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
 STUDY = """\
 format = "pdssjax-study/1"
 [actuator]

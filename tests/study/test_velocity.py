@@ -21,11 +21,7 @@ from pdssjax.study.measurement.platform import Platform
 from pdssjax.study.measurement.velocity import Velocity
 
 OF = ("platform", "effector")
-
-
 SENSOR = '"sensor.bandwidth" = { value = "500 Hz" }\n"sensor.delay" = { value = "0.3 ms" }'
-
-
 TIMES = np.linspace(-2e-3, 0.025, 27001)
 """Dense enough to differentiate and to filter by."""
 
@@ -149,8 +145,6 @@ def samples(voltage, offset, before=0):
 
 
 RAMP = np.concatenate([np.zeros(20), np.linspace(0.0, 1.0, 100)])
-
-
 STEP = np.concatenate([np.linspace(0.0, 1.0, 60), np.ones(60)])
 
 
@@ -244,8 +238,6 @@ def test_a_platform_that_follows_the_voltage_at_once_is_as_fast_as_that_rises(tm
 
 RINGS = {"sticks": True, "drive": measured_study.SLOW_FALL}
 """A contact that sticks for good while the platform rings."""
-
-
 KINDS = [
     pytest.param("platform", {}, id="platform"),
     pytest.param("effector", RINGS, id="sticks while it rings", marks=pytest.mark.slow),
@@ -277,11 +269,7 @@ def test_the_acceleration_is_the_rate_of_the_velocity(tmp_path, of, kind):
 
 
 WITHOUT_INERTIA = ("second-order", "static"), ('"piezo.natural_frequency"', "#"), ('"piezo.damping_ratio"', "#")
-
-
 SINE = 'drive = { waveform = "sine", voltage = "60 V", frequency = "100 Hz" }'
-
-
 AMPLIFIER = '"amplifier.bandwidth" = { value = "5 kHz" }'
 
 

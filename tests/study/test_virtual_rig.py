@@ -12,7 +12,6 @@ from pdssjax.files import with_estimate
 from pdssjax.study import make_recordings
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
 STUDY = """
 format = "pdssjax-study/1"
 title = "Planned"

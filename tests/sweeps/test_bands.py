@@ -26,7 +26,6 @@ from pdssjax.sweeps import (
 from pdssjax.sweeps.sweeping import labelled
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
 MEANS = np.array([2.0, -1.0])
 COVARIANCE = np.array([[4e-4, 3e-4], [3e-4, 2.5e-3]])
 DRAWS = CovarianceDraws(["a.b", "c.d"], MEANS, COVARIANCE, np.array([True, False]), 4000, seed=2)

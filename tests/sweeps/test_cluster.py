@@ -49,8 +49,6 @@ class Client:
 
 
 HERE = package_version()
-
-
 CLUSTERS = {
     "tcp://good:1": ({"a": 2, "b": 1}, {"a": HERE, "b": HERE}),
     "tcp://nobody:1": (None, None),
@@ -93,8 +91,6 @@ def test_without_distributed_the_line_says_what_to_install(monkeypatch):
 
 SMALL = dict(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None, host="127.0.0.1")
 """A cluster of threads in this process: real messages, but nothing to start."""
-
-
 GRID = {"drive.voltage": np.linspace(20.0, 80.0, 30), "drive.frequency": np.linspace(2.0, 50.0, 20)}
 """600 points: ten blocks."""
 
@@ -202,8 +198,6 @@ def test_a_cluster_that_loses_a_worker_loses_no_block_and_computes_none_twice(tm
 
 
 ROOT = Path(__file__).parents[2]
-
-
 HALVED = """\
 import jax, json
 import jax.numpy as jnp
@@ -212,8 +206,6 @@ from test_cluster import POINTS, turns
 found = jax.jit(lambda points: shared_out(jax.vmap(turns), points))(POINTS)
 print(json.dumps([found.tolist(), len(found.devices()), whole_shares(7), lanes_here(), default_workers()]))
 """
-
-
 SWEPT = """\
 import numpy as np, sys
 from pdssjax import prepare_jax
@@ -221,8 +213,6 @@ prepare_jax()
 from test_cluster import found_by_a_sweep
 np.savez(sys.argv[1], **found_by_a_sweep())
 """
-
-
 POINTS = jnp.array([[1.0], [300.0], [7.0], [1e6], [2.0], [90.0]])
 
 

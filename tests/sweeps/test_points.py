@@ -186,8 +186,6 @@ def test_draws_of_what_is_known_may_hold_what_changes_nothing(study):
 
 
 FALL = '"drive.fall_time" = { value = 0 }\n'
-
-
 LOCAL = '"drive.fall_time@slow" = { start = "0.4 ms" }\n"piezo.gain@other" = { start = "0.2 um/V" }\n'
 
 

@@ -21,7 +21,6 @@ ASIDE = {"bristle": "its cycles never repeat where a bond snaps (tests/simulatio
 LAWS = [(law, "") for law in sorted(members("friction")) if law not in (*ASIDE, "anisotropic-lugre")]
 LAWS += [("anisotropic-lugre", "deflection"), ("anisotropic-lugre", "force")]
 pytestmark = [pytest.mark.slow, pytest.mark.parametrize(("law", "state"), LAWS)]
-
 LATE = 200
 """So many cycles show how a transient dies out."""
 SLOW = 0.85

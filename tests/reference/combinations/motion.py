@@ -29,7 +29,6 @@ NEAR = 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.25, 0.5, 0.75
 """Parts of a step, to find where a guard that begins on its border is positive."""
 WITHIN = 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 0.95, 0.99, 1.0
 """Parts of a step, to find where a law runs out of room and has it again before the end."""
-
 Event = tuple[float, int]
 """Time [s] and number of the guard."""
 
