@@ -1,9 +1,9 @@
 """Every public name says what it is; where it has arrays, their shapes and units; where it raises, what."""
 
 import ast
+import functools
 import inspect
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -23,16 +23,15 @@ UNIT = re.compile(r"\[[^\]\s]+(?: [^\]]+)?\]|\bSI\b|\bunits?\b|\bscale of the fi
 """A unit in brackets, or a word that says which: SI, the unit of something, the scale on which a fit works."""
 
 
-def functions(path: str) -> Iterator[tuple[str, ast.FunctionDef, str]]:
+@functools.cache
+def functions(path: str) -> list[tuple[str, ast.FunctionDef, str]]:
     """A public function, or the public methods that a class defines, each with its docstring."""
     thing = found(path)
     if isinstance(thing, type):
-        for name, node, text in methods(thing):
-            yield f"{path}.{name}", node, text
-    else:
-        node = defined(thing)
-        assert isinstance(node, ast.FunctionDef)
-        yield path, node, inspect.getdoc(thing) or ""
+        return [(f"{path}.{name}", node, text) for name, node, text in methods(thing)]
+    node = defined(thing)
+    assert isinstance(node, ast.FunctionDef)
+    return [(path, node, inspect.getdoc(thing) or "")]
 
 
 def annotations(node: ast.FunctionDef) -> list[str]:

@@ -272,46 +272,7 @@ def closed_slips(p):
     return jnp.append(kinetic / stiffness - ahead + 0.5 * (14.0 - times[3]), times)
 
 
-def bounces(p):
-    """Height and speed between the second and the third impact, and these impacts: of height, gravity, restitution."""
-    args = {"gravity": p[1], "restitution": p[2]}
-    run = integrate(BouncingBall(), 0.0, 1.2, (p[0], 0.0), args, max_steps=FEW, max_events=2)
-    return jnp.stack([*(part[0] for part in run.ys), *run.events.ts])
-
-
-def closed_bounces(p):
-    state, impacts = free_fall(p, jnp.array([1.2]))
-    return jnp.append(state[:, 0], impacts[:2])
-
-
-def switches(p):
-    """Temperature at the end and the first two switches: of loss, power and the lower level."""
-    args = {"loss": p[0], "power": p[1], "levels": (p[2], 22.0)}
-    run = integrate(Room(), 0.0, 2.0, 20.0, args, mode=1, max_steps=FEW, max_events=2)
-    return jnp.append(run.ys, run.events.ts)
-
-
-def closed_switches(p):
-    loss, power, low = p
-    level = power / loss
-    first = jnp.log((level - 20.0) / (level - 22.0)) / loss
-    second = first + jnp.log(22.0 / low) / loss
-    return jnp.stack([level + (low - level) * jnp.exp(-loss * (2.0 - second)), first, second])
-
-
-def pulse(p):
-    """The charge at two times: of the corner."""
-    return integrate(Pulse(), 0.0, 1.5, 0.0, p[0], saveat=jnp.array([0.5, 1.5]), max_steps=FEW).ys
-
-
-def closed_pulse(p):
-    return jnp.stack([1.0 - jnp.exp(-0.5), (1.0 - jnp.exp(-p[0])) * jnp.exp(p[0] - 1.5)])
-
-
 BOTH_WAYS = {
-    "ball": (bounces, closed_bounces, [[0.8, 9.81, 0.7], [0.9, 9.7, 0.6]]),
-    "heater": (switches, closed_switches, [[0.2, 8.0, 18.0], [0.21, 8.5, 18.5]]),
-    "pulse": (pulse, closed_pulse, [[0.7], [0.9]]),
     "impact oscillator": (impact, closed_impact, [[1.3, 1.0, 0.8], [1.01, 1.0, 0.9]]),
     "block": (slips, closed_slips, [[1.0, 1.2, 1.5, 0.6], [0.9, 1.1, 1.4, 0.7]]),
 }
