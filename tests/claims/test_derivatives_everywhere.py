@@ -2,7 +2,7 @@
 
 Required at the default accuracy: values within 1e-4 um (1e-4 N) of the tightest; every column that the record
 shows within 1e-3 of central differences, or a discontinuity that the differences show, too; forward and reverse mode
-alike.  The quick version has few actuators of the published structure; `experiments.map_of_rightness` has many.
+alike.  By default `integration/test_sensitivities.py` asks two rigs; `experiments.map_of_rightness` has many.
 """
 
 from collections.abc import Iterable, Iterator

@@ -1,4 +1,4 @@
-"""Each experiment's calculation runs and its key numbers hold; the whole programs are behind the `slow` marker."""
+"""Each experiment's calculation runs and its key numbers hold, maps among them; whole programs are slow."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Plans of a small rig: what they promise is what a fit of their records has, and what nothing sees is named."""
+"""Plans of a small rig: what they promise is what a fit of their records has; the samples that a recorder can take."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""The information of a record is that of the dense matrices: coloured noise whitened, free zeros eliminated."""
+"""The information of a record is that of the dense matrices, and an exchange keeps the best records."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Noise of any colour is told from its samples, and products with its covariance are those of the dense matrix."""
+"""Noise of any colour, on an even grid or at any times: products are those of the dense matrix, colour is found."""
 
 import numpy as np
 import pytest

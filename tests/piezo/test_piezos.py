@@ -1,4 +1,4 @@
-"""What every platform does under a voltage, against its definition and against SciPy."""
+"""What every platform does under a voltage, against its definition and SciPy; answers to powers of time."""
 
 from decimal import Decimal, localcontext
 

@@ -1,4 +1,4 @@
-"""Which models a study is compared under, in which order, and where each begins."""
+"""Which models a study is compared under, and how held-out parts judge them."""
 
 import dataclasses
 

@@ -58,9 +58,8 @@ LAWS = [pytest.param(name, marks=[] if name == "coulomb" else pytest.mark.slow) 
 def test_gradients_are_right_in_every_leaf(name):
     # Off the nominal numbers, at which the motion of no law reverses within rounding of a sample.
     actuator = Actuator(SecondOrder(), member("friction", name)(), Effector(0.08, 0.01, 0.02))
-    loss = lambda actuator: (
-        1e6 * jnp.sum(pdssjax.simulate(actuator, drive(), TIMES, Accuracy(method=Taylor(8))).effector)
-    )
+    accuracy = Accuracy(method=Taylor(8)) if name == "coulomb" else Accuracy()
+    loss = lambda actuator: 1e6 * jnp.sum(pdssjax.simulate(actuator, drive(), TIMES, accuracy).effector)
     leaves, structure = jax.tree.flatten(actuator)
     gradient = jax.tree.leaves(eqx.filter_grad(loss)(actuator))
     assert len(gradient) == len(leaves)

@@ -85,7 +85,7 @@ def test_backward_is_forward_in_the_mirror(reading, fall):
 @pytest.mark.parametrize("rig", [Rig(fall=9e-4), Rig(load=-0.1, forward=False)], ids=["forward", "stuck backward"])
 def test_repeated_cycles_are_those_that_are_marched(rig):
     times = np.linspace(0.01, 1.6, SAMPLES)
-    repeated, marched = trajectory(rig, times, USUAL), trajectory(rig, times, USUAL, drive=NeverRepeating)
+    repeated, marched = trajectory(rig, times, Accuracy()), trajectory(rig, times, Accuracy(), drive=NeverRepeating)
     assert (bool(repeated.repeated), bool(marched.repeated)) == (True, False)
     assert int(repeated.steps) < 0.6 * int(marched.steps)
     np.testing.assert_allclose(repeated.effector, marched.effector, rtol=0.0, atol=1e-11)

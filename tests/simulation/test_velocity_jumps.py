@@ -20,12 +20,12 @@ JUMPED = np.linspace(1.3e-6, 3e-3, 31)
 
 
 @pytest.mark.parametrize(
-    ("name", "law"),
-    [("reset-integrator", ResetIntegrator()), slow("dahl", Dahl(exponent=0.4))],
+    ("name", "law", "accuracy"),
+    [("reset-integrator", ResetIntegrator(), QUICK), slow("dahl", Dahl(exponent=0.4), Accuracy())],
     ids=["reset-integrator", "dahl"],
 )
-def test_a_law_that_knows_reversals_learns_of_one_that_a_corner_makes(name, law):
-    found = pdssjax.simulate(Actuator(Static(), law), Triangle(60.0, 1000.0, 0.3), JUMPED, QUICK)
+def test_a_law_that_knows_reversals_learns_of_one_that_a_corner_makes(name, law, accuracy):
+    found = pdssjax.simulate(Actuator(Static(), law), Triangle(60.0, 1000.0, 0.3), JUMPED, accuracy)
     numbers = {"piezo.gain": float(Static().gain), "effector.mass": MASS}
     numbers |= {f"friction.{field}": float(getattr(law, field)) for field in quantities(type(law))}
     drive = "Triangle", dict(voltage=60.0, frequency=1000.0, symmetry=0.3)

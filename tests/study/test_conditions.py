@@ -1,4 +1,4 @@
-"""Which parameters hold in a record: those under its conditions in place of the usual ones."""
+"""What a study says of itself: its conditions, bounds of its fits, a record beside its prediction, the catalogue."""
 
 import dataclasses
 import math
