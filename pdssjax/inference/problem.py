@@ -23,7 +23,8 @@ from .initial_values.record_features import interval_of, noise_of, swing_of
 from .initial_values.search import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import Box, transform_of
-from .residual import Evaluator, Residual, prior_measurements
+from .prior import Prior
+from .residual import Evaluator, Residual
 from .solver.iterations import Linearised, OfFunction, Point
 from .solver.minimisers import Minimiser
 
@@ -77,9 +78,9 @@ class Problem:
 
     @property
     def rows_apart(self) -> slice:
-        """Where what was measured apart stands among the residuals, by `residual.priors`: behind the samples."""
+        """Where what was measured apart stands among the residuals, by `residual.prior`: behind the samples."""
         samples = sum(record.time.size for record in self.records)
-        return slice(samples, samples + len(self.residual.comparison.priors))
+        return slice(samples, samples + len(self.residual.comparison.prior.paths))
 
     @property
     def bounds(self) -> Box:
@@ -257,9 +258,8 @@ def pose(
     ranges = determinable_ranges(study)
     parameters = {path: _bounded(parameter, ranges.get(path)) for path, parameter in _with_lengths(study).items()}
     transform = transform_of(parameters, starts, study.constraints, str(study.path or study.title))
-    residual = Residual.of(
-        study.models, records, transform, fixed, accuracy, loss, prior_measurements(study.parameters)
-    )
+    prior = Prior.measured_apart(study.parameters)
+    residual = Residual.of(study.models, records, transform, fixed, accuracy, loss, prior)
     samples = lambda residual: (residual.comparison.measured, residual.comparison.used)
     residual = eqx.tree_at(samples, residual, on_device(samples(residual)))
     noise = np.array([noise_of(record) for record in records])

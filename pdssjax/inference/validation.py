@@ -18,9 +18,10 @@ from jaxtyping import Bool, Float
 
 from ..core import on_device
 from ..study import FittedRecord, Record, Study, compare, paths_in
-from .beyond_noise import exceeds_noise, highest_by_chance
+from .beyond_noise import exceeds_noise
 from .initial_values.record_features import noise_of
 from .losses.base import AbstractLoss
+from .prior import is_by_chance
 from .problem import Problem
 from .residual import Residual, free_offset
 
@@ -122,8 +123,7 @@ def _within_errors(
     known = lambda jacobian: np.nan_to_num(np.asarray(jacobian)[used] @ root, posinf=0.0, neginf=0.0)
     slopes = lambda errors: np.vstack([known(whole.jacobian(at(errors))), np.eye(errors.size)])
     found = least_squares(left, begun, slopes, max_nfev=_EVALUATIONS)  # pyright: ignore[reportArgumentType]
-    errors = found.x
-    return errors * (errors @ errors < errors.size * highest_by_chance(errors.size))
+    return found.x * is_by_chance(found.x)
 
 
 def _root(covariance: Float[np.ndarray, "p p"], held: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p q"]:

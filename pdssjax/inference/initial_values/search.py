@@ -21,7 +21,8 @@ from ...metrics import scatter_floor
 from ...piezo.base import Shown
 from ...study import MARK, Models, Parameter, Predictor, Record, Study, Values, check_begins_early, split_path
 from ..losses.base import AbstractLoss
-from ..residual import TOGETHER, Comparison, Evaluator, as_weights, prior_measurements
+from ..prior import Prior
+from ..residual import TOGETHER, Comparison, Evaluator, as_weights
 from .loop_starts import loop_starts
 from .record_features import (
     as_forces,
@@ -310,7 +311,7 @@ def _trial_costs(
     places = tuple(fitted or range(len(records)))
     compared = [records[place] for place in places]
     early = tuple(record.time <= ends[place] for place, record in zip(places, compared, strict=True))
-    comparison = Comparison(compared, loss, prior_measurements(parameters))
+    comparison = Comparison(compared, loss, Prior.measured_apart(parameters))
     comparison = eqx.tree_at(lambda comparison: comparison.used, comparison, early)
     is_used = np.array([any(record is other for other in used) for record in records])
     noises = [scatter_floor(record.measured[e]) for record, e in zip(compared, early, strict=True)]

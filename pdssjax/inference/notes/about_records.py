@@ -13,6 +13,7 @@ from ..beyond_noise import (
     could_be_noise,
     exceeds_floor,
     exceeds_given_noise,
+    freedom_of,
     largest_by_chance,
     leaves_unresolved,
     neighbour_correlation,
@@ -168,7 +169,9 @@ def about_records(
             f"{_enlarged(factor, is_robust)}"
         )
     if misfits := [record for record in excess if record not in noisy]:
-        figures = (f'"{r.name}" ({r.rest_chi2:.3g}; by chance up to {largest_by_chance(r):.3g})' for r in misfits)
+        figures = (
+            f'"{r.name}" ({r.rest_chi2:.3g}; by chance up to {largest_by_chance(freedom_of(r)):.3g})' for r in misfits
+        )
         notes.append(
             f"The model does not explain all of {listed(figures)}: chi-square per sample against the noise given is "
             f"in brackets. {_enlarged(factor, is_robust)} Look at the residuals in the plots for what is missing: "

@@ -143,24 +143,20 @@ _SETTLED = 0.02
 def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> tuple[Fit, Problem]:
     """Estimate the noise of the records that do not give it, and fit again with that."""
     unknown = [record.noise is None for record in problem.records]
+    sizes = np.array([record.time.size for record in problem.records])
     for number in range(_MOST):
         if not any(unknown) or not np.isfinite(fit.chi2) or (number and fit.ending == Ending.RUNNING):
             break  # one that has no end yet is weighed once, not fitted for as long again each time
-        noise = np.where(unknown, _noise_left(problem, fit), problem.noise)
+        freedom = sizes - Evidence(problem, fit).degrees_taken
+        parts = zip(by_record(problem, fit), freedom, strict=True)
+        scatter = np.array([problem.residual.loss.scatter(part, float(left)) for part, left in parts])
+        noise = np.where(unknown, problem.noise * scatter, problem.noise)
         if number >= _FEWEST and np.allclose(noise, problem.noise, rtol=_SETTLED, atol=0.0):
             break
         report("weighing the records by the noise found")
         problem = problem._replace(noise=noise)
         fit = summed(run(problem, problem.decode(fit.free), report), [fit])
     return fit, problem
-
-
-def _noise_left(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
-    """Standard deviation of each record's residuals, in its unit."""
-    sizes = np.array([record.time.size for record in problem.records])
-    scatter, parts = problem.residual.loss.scatter, by_record(problem, fit)
-    pairs = zip(parts, sizes - Evidence(problem, fit).degrees_taken, strict=True)
-    return problem.noise * np.array([scatter(*pair) for pair in pairs])  # pyright: ignore[reportReturnType]
 
 
 _FIRST = 12
@@ -192,11 +188,6 @@ class Budget:
 
         return limited
 
-    @property
-    def word(self) -> str:
-        """The note where runs were refused."""
-        return f"; after {self.spent} evaluations no other start was fitted{self.effort.advice}"
-
 
 def best_fit(
     study: Study,
@@ -224,7 +215,9 @@ def best_fit(
     contest = Contest(study, problem, [], unobserved, tried, report, excused, effort)
     if missing:
         contest.found = ranked(study.parameters, starts, contest)
-        fit = _first(problem, contest.found[0], tried, report)
+        fit = tried(problem, contest.found[0], report, _FIRST)
+        if not fit.success and Evidence(problem, fit).reduced_chi2 < _PROMISING:
+            fit = summed(tried(problem, problem.decode(fit.free), report), [fit])
         starts = shown(contest.found[0], starts, contest)
     else:
         fit = tried(problem, starts, report)
@@ -240,17 +233,9 @@ def best_fit(
         fit = summed(run(problem, problem.decode(fit.free), report), [fit])
     fit, problem = with_noise(fit, problem, run, report)
     if budget.refused:
-        fit = fit._replace(message=fit.message + budget.word)
+        refused = f"; after {budget.spent} evaluations no other start was fitted{effort.advice}"
+        fit = fit._replace(message=fit.message + refused)
     return contest.evidence(fit) if problem is contest.problem else Evidence(problem, fit, study), starts
-
-
-def _first(problem: Problem, starts: dict[str, float], run: FitMethod, report: Progress) -> Fit:
-    """The fit from the most promising start, broken off where it leads nowhere."""
-    first = run(problem, starts, report, _FIRST)
-    if first.success or not Evidence(problem, first).reduced_chi2 < _PROMISING:
-        return first
-    fit = run(problem, problem.decode(first.free), report)
-    return summed(fit, [first])
 
 
 APART = 1.0

@@ -293,7 +293,7 @@ def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dic
     """
     study, problem = contest.study, contest.problem
     platform = platform_alone_records(problem.records).any()
-    known = lambda path: path in problem.residual.priors or (platform and shown_by_platform(path, problem))
+    known = lambda path: path in problem.residual.prior.paths or (platform and shown_by_platform(path, problem))
     held = [path for path in problem.residual.transform.paths if known(path)]
     around = starts | {path: float(number) for path, number in problem.decode(fit.free).items() if path in held}
     loss = problem.residual.loss

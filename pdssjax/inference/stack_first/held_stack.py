@@ -22,14 +22,14 @@ from jaxtyping import Float
 
 from ...integration import Accuracy
 from ...study import Study, Values, split_path
-from ..beyond_noise import highest_by_chance
 from ..covariance import scaled_least_squares
 from ..evidence import Evidence
 from ..least_squares import MAX_ITERATIONS, Fit, Progress, evaluated, fit_phase, quiet, summed
+from ..prior import is_by_chance
 from ..problem import Problem, pose
 from ..search.multistart import Point
 from ..stack_parameters import platform_alone_records, stack_parameters
-from .peak_picking import PATHS, PickedStack, whitened_readings
+from .peak_picking import PATHS, PickedStack
 
 
 def with_stack_held(study: Study, stack: Mapping[str, float]) -> Study:
@@ -106,11 +106,10 @@ def with_stack_freed(fit: Fit, problem: Problem, stack: PickedStack) -> Evidence
     rows = np.concatenate([every[r] for r, is_alone in zip(problem.rows, alone, strict=True) if not is_alone])
     residual, jacobian = np.asarray(fit.state.residual)[rows], np.asarray(fit.state.jacobian)[rows]
     moves = (transform.among(PATHS) | ~stack_parameters(problem)) & ~transform.at_bound(fit.free)
-    readings = whitened_readings(stack, transform.paths)
+    readings = stack.prior.rows(transform.paths)
     rest = np.append(residual, np.zeros(len(readings)))
     step = -scaled_least_squares(np.vstack([jacobian, readings]) * moves, rest, 1e-9)
-    off = float(np.sum((readings @ step) ** 2))
-    if off < len(readings) * highest_by_chance(len(readings)):
+    if is_by_chance(readings @ step):
         residual = residual + jacobian @ (step * moves)
     walks = tuple(record for record, is_alone in zip(problem.records, alone, strict=True) if not is_alone)
     state = fit.state._replace(residual=residual, jacobian=jacobian)

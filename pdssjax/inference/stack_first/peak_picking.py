@@ -22,7 +22,7 @@ from ...piezo.second_order import SecondOrder
 from ...study import MARK, Record, Study, split_path
 from ..initial_values.record_features import is_step, noise_of, voltages
 from ..initial_values.step_peaks import APART, Extremes, OneMode, extremes, one_mode, rest_before, step_response
-from ..residual import prior_measurements
+from ..prior import Prior
 
 PEAKS = 6
 """Extremes read of a record, at most: three highs and three lows."""
@@ -77,42 +77,25 @@ class PickedStack:
     read: Float[np.ndarray, "3"]
     """The numbers by the peaks alone [SI], in the order of `PATHS`."""
     records: tuple[StepRecord, ...]
-    priors: dict[str, tuple[float, float]]
-    """Numbers measured apart: number and standard error [SI] by path, of `PATHS`."""
+    measured_apart: Prior
+    """What was measured apart of `PATHS`, on their logarithms."""
 
     @property
     def values(self) -> dict[str, float]:
         """Numbers [SI] by path of `PATHS`, those measured apart combined with the peaks."""
-        values = np.exp(self._combined[0]) if self.priors else self.read
+        values = np.exp(self.prior.mean) if self.measured_apart.paths else self.read
         return dict(zip(PATHS, map(float, values), strict=True))
+
+    @functools.cached_property
+    def prior(self) -> Prior:
+        """The logarithms of the numbers at `PATHS` by peaks and what was measured apart; errors include the bias."""
+        peaks = Prior.of_covariance(PATHS, np.log(self.read), simulated_covariance(self.read, self.records))
+        return peaks.combined(self.measured_apart) if self.measured_apart.paths else peaks
 
     @property
     def covariance(self) -> Float[np.ndarray, "3 3"]:
         """Second moments of the errors of the logarithms, in the order of `PATHS`; they include the bias."""
-        return self._combined[1]
-
-    @functools.cached_property
-    def _combined(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
-        """Logarithms and their covariance: peaks and what was measured apart, by least squares."""
-        logarithms, covariance = np.log(self.read), simulated_covariance(self.read, self.records)
-        for path, (number, error) in self.priors.items():
-            place = PATHS.index(path)
-            gain = covariance[:, place] / (covariance[place, place] + (error / number) ** 2)
-            logarithms = logarithms + gain * (np.log(number) - logarithms[place])
-            covariance = covariance - np.outer(gain, covariance[place])
-        return logarithms, covariance
-
-
-def whitened_readings(stack: PickedStack, paths: Sequence[str]) -> Float[np.ndarray, "k p"]:
-    """The rows W that a reading adds to a Jacobian by the numbers of a fit at `paths`, those read being logarithms.
-
-    W'W is the inverse of the covariance of what was read of them; there is a row for each that is among `PATHS`.
-    """
-    here = [place for place, path in enumerate(paths) if path in PATHS]
-    read = [PATHS.index(paths[place]) for place in here]
-    rows = np.zeros((len(here), len(paths)))
-    rows[:, here] = np.linalg.inv(np.linalg.cholesky(stack.covariance[np.ix_(read, read)]))
-    return rows
+        return self.prior.covariance
 
 
 def pick_peaks(study: Study) -> PickedStack:
@@ -134,8 +117,7 @@ def pick_peaks(study: Study) -> PickedStack:
     read = tuple(_read(record, where) for record in steps)
     systems = [one_mode(extremes(step.time, step.height, step.peaks)) for step in read]
     values = np.mean([_numbers(system, step.voltage) for system, step in zip(systems, read, strict=True)], axis=0)
-    priors = {path: prior for path, prior in prior_measurements(study.parameters).items() if path in PATHS}
-    stack = PickedStack(values, read, priors)
+    stack = PickedStack(values, read, Prior.measured_apart(study.parameters).on_logarithms(PATHS))
     for path, number in stack.values.items():
         _check_bounds(study, path, number, where)
     return stack

@@ -85,8 +85,9 @@ def fitted_replicate(
 ) -> Replicate:
     """The fit to the data of replicate `number`."""
     random = np.random.default_rng([seed, number])
-    data = redrawn(problem, centre, resampled, random), priors_redrawn(problem, centre, random)
-    drawn = eqx.tree_at(lambda r: (r.comparison.measured, r.comparison.priors), problem.residual, data)
+    measured = redrawn(problem, centre, resampled, random)
+    prior = problem.residual.comparison.prior.redrawn(centre.residual[problem.rows_apart], random)
+    drawn = eqx.tree_at(lambda r: (r.comparison.measured, r.comparison.prior), problem.residual, (measured, prior))
     fit = run(problem._replace(residual=drawn), problem.decode(centre.free), quiet)
     return Replicate(number, np.asarray(fit.free, float), bool(fit.success and np.isfinite(fit.chi2)), fit.message)
 
@@ -107,15 +108,6 @@ def redrawn(
             drawn = cycles_redrawn(part, *phases, random)
         measured.append(before + noise * (drawn - part))
     return tuple(measured)
-
-
-def priors_redrawn(problem: Problem, centre: _Centre, random: np.random.Generator) -> dict[str, Float[np.ndarray, "2"]]:
-    """New numbers of the parameters measured apart, with the same standard errors."""
-    left = centre.residual[problem.rows_apart]
-    return {
-        path: np.array([number + error * (off - random.standard_normal()), error])
-        for (path, (number, error)), off in zip(problem.residual.comparison.priors.items(), left, strict=True)
-    }
 
 
 def phases_of(record: Record) -> tuple[Int[np.ndarray, " samples"], int] | None:

@@ -302,10 +302,10 @@ def _covariance_with_priors(point: FittedPoint, effect: Float[np.ndarray, "n p"]
     """
     residual, out = point.problem.residual, np.zeros(effect.shape[1])
     effect = residual.transform.own_effect(effect)
-    for row, path in enumerate(residual.priors, point.problem.rows_apart.start):
+    for row, path in enumerate(residual.prior.paths, point.problem.rows_apart.start):
         place = residual.transform.paths.index(path)
         if point.stack is not None and path in PATHS:
-            out[place] = point.stack.covariance[PATHS.index(path), PATHS.index(path)]
+            out[place] = point.stack.prior.covariance[PATHS.index(path), PATHS.index(path)]
         elif point.jacobian[row, place] != 0.0:
             out[place] = effect[row, place] / point.jacobian[row, place]
     return out

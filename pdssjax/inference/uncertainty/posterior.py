@@ -232,36 +232,26 @@ def solved_further(
 ) -> list[Linearisation]:
     """Linearisations on the way from the polynomial's solutions to those of the model.
 
+    What the polynomial has for parameters at bounds is what they have.
+
     **Arguments:** the draws `proposed` by a polynomial, and the model's linearisations `there`.
     """
     basis = np.asarray(tangents(model.optimum.jacobian @ model.axes @ np.asarray(model.held.free_directions())))
-    free = slice(model.held.rates.size, None)
+    held = model.held.rates.size
     found: list[Linearisation] = []
     due = list(zip(proposed.randomized, there, strict=True))
     for _ in range(_NEWTON):
-        left = [target[free] - basis.T @ point.residual for target, point in due]
-        unsolved = [
-            (target, np.clip(point.at + model.axes @ _newton_step(model, basis, point, rest), *model.bounds))
-            for (target, point), rest in zip(due, left, strict=True)
-            if np.isfinite(point.chi2) and np.linalg.norm(rest) > _SOLVED * np.sqrt(model.factor)
-        ]
-        places = [place for _, place in unsolved]
-        due = list(
-            zip([target for target, _ in unsolved], linearise_all(model.evaluate, places, executor), strict=True)
-        )
+        targets, places = [], []
+        for target, point in due:
+            rest = target[held:] - basis.T @ point.residual
+            if np.isfinite(point.chi2) and np.linalg.norm(rest) > _SOLVED * np.sqrt(model.factor):
+                rows = np.concatenate([model.held.rows, basis.T @ point.jacobian @ model.axes])
+                step = np.linalg.lstsq(rows, np.append(np.zeros(held), rest))[0]
+                targets.append(target)
+                places.append(np.clip(point.at + model.axes @ step, *model.bounds))
+        due = list(zip(targets, linearise_all(model.evaluate, places, executor), strict=True))
         found += [point for _, point in due]
     return found
-
-
-def _newton_step(
-    model: Model, basis: Float[np.ndarray, "n q-k"], point: Linearisation, left: Float[np.ndarray, " q-k"]
-) -> Float[np.ndarray, " q"]:
-    """The step along the axes that solves the equation by the linear model at a `point`.
-
-    What the polynomial has for parameters at bounds is what they have.
-    """
-    rows = np.concatenate([model.held.rows, basis.T @ point.jacobian @ model.axes])
-    return np.linalg.lstsq(rows, np.append(np.zeros(len(model.held.rows)), left))[0]
 
 
 def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
@@ -339,21 +329,16 @@ def corrected(log_weights: Float[np.ndarray, " n"], random: np.random.Generator)
 
     It begins at one of the first, each as probable as its weight, lest it has to find the posterior.
     """
-    at, places = _begin(log_weights[:BLOCK], random), np.zeros(log_weights.size, int)
+    first, at, places = log_weights[:BLOCK], 0, np.zeros(log_weights.size, int)
+    if np.isfinite(np.max(first)):
+        weights = np.exp(first - np.max(first))
+        at = int(random.choice(first.size, p=weights / np.sum(weights)))
     chances = np.log(random.random(log_weights.size))
     for number in range(log_weights.size):
         if chances[number] + log_weights[at] <= log_weights[number]:
             at = number
         places[number] = at
     return places
-
-
-def _begin(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) -> int:
-    highest = np.max(log_weights)
-    if not np.isfinite(highest):
-        return 0
-    weights = np.exp(log_weights - highest)
-    return int(random.choice(log_weights.size, p=weights / np.sum(weights)))
 
 
 def _judged(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[int, int]) -> Document:
