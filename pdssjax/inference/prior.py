@@ -52,7 +52,8 @@ class Prior:
         """How far `values` [SI] are from the mean, in independent standard errors; differentiable."""
         if not self.paths:
             return jnp.zeros(0)
-        return self.whitening @ (jnp.stack([jnp.asarray(values[path], float) for path in self.paths]) - self.mean)
+        given = jnp.stack([jnp.asarray(values[path], float) for path in self.paths])
+        return jnp.asarray(self.whitening) @ (given - self.mean)
 
     def redrawn(self, deviations: Float[np.ndarray, " k"], random: np.random.Generator) -> "Prior":
         """The prior by numbers measured anew, from which what has these `deviations` is off by chance alone."""

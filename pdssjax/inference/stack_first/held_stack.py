@@ -53,16 +53,13 @@ def rejoined(study: Study, point: Point, accuracy: Accuracy, report: Progress) -
     Noise that was not given is that found in the second step, and the floor of the platform's records.
     """
     found = {path: float(number) for path, number in point.problem.decode(point.fit.free).items()}
-    problem = _with_noise_of(point.problem, pose(study, point.starts, accuracy))
+    problem, second = pose(study, point.starts, accuracy), point.problem
+    known = {id(record): noise for record, noise in zip(second.records, second.noise, strict=True)}
+    noise = [known.get(id(record), floor) for record, floor in zip(problem.records, problem.noise, strict=True)]
+    problem = problem._replace(noise=np.array(noise))
     whole = evaluated(problem, problem.encode({**point.starts, **found}), report)
     fit = whole._replace(success=point.fit.success, message=point.fit.message, ending=point.fit.ending)
     return Point(summed(fit, [point.fit]), problem, point.starts, point.covers)
-
-
-def _with_noise_of(second: Problem, whole: Problem) -> Problem:
-    known = {id(record): noise for record, noise in zip(second.records, second.noise, strict=True)}
-    noise = [known.get(id(record), floor) for record, floor in zip(whole.records, whole.noise, strict=True)]
-    return whole._replace(noise=np.array(noise))
 
 
 def sequential(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
