@@ -28,9 +28,6 @@ FEWEST_CYCLES = 3
 _OFF_GRID = 0.02
 """Samples by which the cycles may leave the grid of samples over a record."""
 
-_BESIDE_GRID = 0.25
-"""Samples by which a single sample may leave that grid, since its clock may be uneven."""
-
 
 class Replicate(NamedTuple):
     """One fit to data drawn anew."""
@@ -71,8 +68,6 @@ def bootstrap(
 
 
 class _Centre(NamedTuple):
-    """The fit around which data are drawn."""
-
     free: Float[np.ndarray, " p"]
     residual: Float[np.ndarray, " n"]
     """Whitened."""
@@ -126,7 +121,8 @@ def phases_of(record: Record) -> tuple[Int[np.ndarray, " samples"], int] | None:
     exact = (record.time - record.time[0]) * float(frequency) * cycle
     places = np.rint(exact).astype(int)
     whole = np.count_nonzero(np.bincount(places // cycle) == cycle)
-    return (places, cycle) if np.max(np.abs(exact - places)) < _BESIDE_GRID and whole >= FEWEST_CYCLES else None
+    # A single sample may leave the grid, since its clock may be uneven.
+    return (places, cycle) if np.max(np.abs(exact - places)) < 0.25 and whole >= FEWEST_CYCLES else None
 
 
 def cycles_redrawn(

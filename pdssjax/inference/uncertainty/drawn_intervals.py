@@ -122,12 +122,6 @@ ENOUGH_BEYOND = 8.0
 FEW_BEYOND = 0.2
 """Share of the draws expected beyond an end below which a tail of the posterior is missing."""
 
-_ENLARGED = 1.005
-"""Factor of the variance from which the description states it."""
-
-_WIDER = 1.01
-"""Ratio of Student's t to a normal quantile from which the description states it."""
-
 MANY_FAILED = 0.05
 """Share of replicates that may fail before the intervals no longer stand for all of them."""
 
@@ -259,7 +253,7 @@ def _density_in_words(problem: Problem, factor: float, held: list[str]) -> str:
     priors = ", ".join(problem.residual.prior.paths)
     text = f"flat priors on the values{f' but normal ones on those measured apart ({priors})' if priors else ''}"
     text += ", zeros of the sensors marginalised, noise known"
-    if factor > _ENLARGED:
+    if factor > 1.005:
         text += f" and its variance enlarged by {factor:.3g}"
         if not np.all(row_factors(problem, factor) == factor):
             text += ", also where it was found from residuals, and that of what was measured apart (too wide there)"
@@ -357,7 +351,7 @@ def with_draws(estimate: Estimate, draws: Draws, notes: list[str], logarithmic: 
             ends = np.clip(ends, *found.bounds)
         interval = float(ends[0]), float(ends[1])
         parameters[drawn.path], most = dataclasses.replace(found, interval=interval), max(most, wider)
-    if most > _WIDER:
+    if most > 1.01:
         more = f"up to {percent(most - 1.0, 1.0)} farther out than 95 % of the draws"
         draws = dataclasses.replace(
             draws, description=f"{draws.description}; intervals end {more}, since the noise was found from few samples"

@@ -38,9 +38,6 @@ _SHOWN = 12
 _OFF = 0.02
 """Share of the threshold that the others may still gain at a point by the linear model; beyond it they move."""
 
-_CORRECTIONS = 8
-"""Evaluations at most to bring a point into the valley."""
-
 
 class Curve(NamedTuple):
     """One side or both, the profiled parameter on the scale of the fit and ascending."""
@@ -131,7 +128,7 @@ class _Valley:
     def _corrected(self, point: Linearisation) -> _Node:
         """The node at a `point`, after steps of the others that bring it into the valley where it is off."""
         node, share = self._node(point), 1.0
-        for _ in range(_CORRECTIONS):
+        for _ in range(8):
             if not point.chi2 - self.optimum.chi2 - node.excess > _OFF * self.threshold:
                 break
             nearer = self._linearised(point.at + share * self._best(point))
@@ -153,10 +150,9 @@ class _Valley:
         return nearer.at + lowest(SecondOrder(nearer, curvature), nearer.at, guess - nearer.at, self.aim)
 
     def _cubic(self, one_end: _Node, other_end: _Node, at: float) -> float:
-        """The excess between two nodes, where the profiled parameter is `at`."""
         low, high = one_end.point.at[self.index], other_end.point.at[self.index]
-        heights = (one_end.excess, other_end.excess, one_end.slope, other_end.slope)
-        return float(_hermite(low, high, *map(np.array, heights), at))
+        first, last = np.array(one_end.excess), np.array(other_end.excess)
+        return float(_hermite(low, high, first, last, np.array(one_end.slope), np.array(other_end.slope), at))
 
     def _node(self, point: Linearisation) -> _Node:
         """The node of the valley near a point, by the linear model."""
@@ -177,7 +173,6 @@ class _Valley:
         return np.clip(point.at + step, self.low, self.high) - point.at
 
     def _others(self, point: Linearisation) -> Bool[np.ndarray, " p"]:
-        """The parameters besides the profiled one that are not at a bound."""
         return (point.at > self.low) & (point.at < self.high) & (np.arange(point.at.size) != self.index)
 
     def _linearised(self, at: Float[np.ndarray, " p"]) -> Linearisation:
@@ -267,14 +262,14 @@ def with_profile_intervals(
     kept = [path for path in transform.paths if estimate.parameters[path].identifiable]
     tied = [path for path in kept if transform.along(path) is not transform]
     rest = thresholds, evidence.variance_factor, executor, report
-    estimate = _profiled(estimate, evidence.problem, evidence.fit, [p for p in kept if p not in tied], *rest)
+    estimate = _with_profiles(estimate, evidence.problem, evidence.fit, [p for p in kept if p not in tied], *rest)
     for path in tied:  # each in numbers of the fit of which it is one
-        estimate = _profiled(estimate, *_along(path, evidence.problem, evidence.fit), [path], *rest)
+        estimate = _with_profiles(estimate, *_in_coordinates_of(path, evidence.problem, evidence.fit), [path], *rest)
     order = [profile for path in kept for profile in estimate.profiles if profile.path == path]
     return dataclasses.replace(estimate, profiles=tuple(order))
 
 
-def _along(path: str, problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+def _in_coordinates_of(path: str, problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     """A problem and its fit in numbers of which one is the parameter `path` on its own scale."""
     before = problem.residual.transform
     after = before.along(path)
@@ -285,7 +280,7 @@ def _along(path: str, problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     return problem._replace(residual=residual), fit._replace(free=free, state=state)
 
 
-def _profiled(
+def _with_profiles(
     estimate: Estimate,
     problem: Problem,
     fit: Fit,
@@ -295,7 +290,6 @@ def _profiled(
     executor: Executor | None,
     report: Progress,
 ) -> Estimate:
-    """`estimate` with profiles and intervals of the parameters `kept`."""
     transform, optimum, (low, high) = problem.residual.transform, linearisation_at(fit), problem.bounds
     places = {path: transform.paths.index(path) for path in kept}
     report("curvature at the optimum")
@@ -306,8 +300,15 @@ def _profiled(
 
     def end_of(path: str, side: float) -> End:
         """The end found, or the bound that the parameter lies at."""
-        bound = End(float(optimum.at[places[path]]), Verdict.AT_BOUND, optimum, 0)
-        return _opened(found.get((places[path], side), bound), side, estimate.parameters[path], problem)
+        index, bound = places[path], estimate.parameters[path].bounds[side > 0]
+        end = found.get((index, side), End(float(optimum.at[index]), Verdict.AT_BOUND, optimum, 0))
+        # Where a fit could reach, and no bound of the parameter, an end is open.  Of a legal range the fit leaves out a
+        # millionth at its upper end.
+        if end.verdict == Verdict.AT_BOUND and not np.isclose(
+            _in_si(problem, end.point.at, index, end.value), bound, rtol=1e-5, atol=0.0
+        ):
+            return end._replace(value=side * np.inf, verdict=Verdict.FLAT)
+        return end
 
     pairs = {path: (end_of(path, SIDES[0]), end_of(path, SIDES[1])) for path in kept}
     curves: dict[str, Curve] = {}
@@ -362,19 +363,6 @@ def _thresholds(estimate: Estimate, evidence: Evidence) -> Float[np.ndarray, " p
     return half_width_95(freedom) ** 2 * np.nan_to_num(ratio, nan=evidence.variance_factor)
 
 
-def _opened(end: End, side: float, parameter: FittedParameter, problem: Problem) -> End:
-    """An `end` that is where the fit could reach, and no bound of the `parameter`, as what it is: open."""
-    if end.verdict != Verdict.AT_BOUND:
-        return end
-    index = problem.residual.transform.paths.index(parameter.path)
-    bound = parameter.bounds[side > 0]
-    # Of a legal range the fit leaves out a millionth at its upper end.
-    if np.isclose(_in_si(problem, end.point.at, index, end.value), bound, rtol=1e-5, atol=0.0):
-        return end
-    return end._replace(value=side * np.inf, verdict=Verdict.FLAT)
-
-
 def _in_si(problem: Problem, at: Float[np.ndarray, " p"], index: int, value: float) -> float:
-    """One number of the fit's scale in its own unit."""
     moved = np.where(np.arange(at.size) == index, value, at)
     return float(problem.decode(moved)[problem.residual.transform.paths[index]])

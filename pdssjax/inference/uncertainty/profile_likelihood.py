@@ -100,10 +100,6 @@ def probe_places(
     return [place for place in places if np.any(place != at)]
 
 
-_GROWTH = 1.1
-"""Growth of the number of points after which the polynomial is learned again, which may take longer than they do."""
-
-
 class SharedCurvature:
     """The curvature that all searches around an `optimum` share, from `probes` near it on.
 
@@ -132,7 +128,8 @@ class SharedCurvature:
         self.points += points
         if self.learns and len(self.points) + 1 >= self.due:
             self.polynomial = learned_polynomial(self.optimum, self.points, self.scale, self.factor)
-            self.due = int(_GROWTH * len(self.points)) + 1
+            # Not for every point: learning may take longer than they do.
+            self.due = int(1.1 * len(self.points)) + 1
 
     def at(self, place: Float[np.ndarray, " p"]) -> Curvature | None:
         """The curvature at a place by the polynomial, if there is one."""
@@ -156,9 +153,6 @@ _KINKED = 2e-2
 
 _TRUSTED = 0.1, 1.0
 """Least and largest first radius of trust, in half widths of the linear interval."""
-
-_ANEW = 0.3
-"""Least radius of trust where the curvature has just been learned anew."""
 
 _OFF = 5.0
 """Thresholds above the target that a point may lie where the shared polynomial tells the way from it."""
@@ -245,7 +239,7 @@ class EndSearch:
                 model = self._model(point)
             if impatient:
                 yield from self._probe_curvature(point)
-                radius, model = max(radius, _ANEW), self._model(point)
+                radius, model = max(radius, 0.3), self._model(point)
         error, point = self.nearest  # chi-square may have kinks there that no model knows
         return self._end(point, Verdict.BOUNDED if error < _KINKED else Verdict.LOST)
 
@@ -275,7 +269,6 @@ class EndSearch:
         self.learned_at, self.learned_for = self.evaluations, point
 
     def _end_at(self, point: Linearisation, model: SecondOrder) -> End | None:
-        """The end, where the search is over at this `point`."""
         if point.chi2 < self.optimum.chi2 - 0.01 * self.threshold:
             return self._end(point, Verdict.LOWER)
         gain, slope = self._gain_of_others(point, model)
