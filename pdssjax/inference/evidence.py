@@ -175,9 +175,18 @@ class Evidence:
         if not found.step.any():
             return fit.free
         there = np.clip(fit.free + found.step, *problem.bounds)
+
+        def squares_left(residual: Float[np.ndarray, " n"]) -> float:
+            """The sum of squares of the other samples, free zeros of records theirs."""
+            total = 0.0
+            for record, rows in zip(problem.records, problem.rows, strict=True):
+                left = residual[rows][~found.outlying[rows]]
+                zero = np.mean(left) if record.offset is None and left.size else 0.0
+                total += float(np.sum((left - zero) ** 2))
+            return total
+
         moved = np.asarray(evaluated(problem, there, quiet).state.residual)
-        left = [_squares_left(problem, np.asarray(r), ~found.outlying) for r in (moved, fit.state.residual)]
-        return there if left[0] < left[1] else fit.free
+        return there if squares_left(moved) < squares_left(np.asarray(fit.state.residual)) else fit.free
 
     # ------------------------------------------------------------------------------------------ more than noise
 
@@ -306,16 +315,6 @@ def fit_without_outliers(problem: Problem, fit: Fit) -> WithoutOutliers:
             break
         out = more
     return WithoutOutliers(out, np.where(out, np.nan, rest), step)
-
-
-def _squares_left(problem: Problem, residual: Float[np.ndarray, " n"], counted: Bool[np.ndarray, " n"]) -> float:
-    """The sum of squares of the samples `counted`, free zeros of records theirs."""
-    total = 0.0
-    for record, rows in zip(problem.records, problem.rows, strict=True):
-        left = residual[rows][counted[rows]]
-        zero = np.mean(left) if record.offset is None and left.size else 0.0
-        total += float(np.sum((left - zero) ** 2))
-    return total
 
 
 def _outlying(problem: Problem, roots: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:

@@ -31,17 +31,16 @@ from ..study import (
     failure_cause,
 )
 from .beyond_noise import exceeds_floor
-from .covariance import Covariance, correlation
+from .covariance import correlation
 from .diagnosis import contradicting, diagnose
 from .evidence import Evidence
 from .least_squares import START_FAILED, Fit, Method, by_record
 from .notes.of_fit import notes_of
-from .parameter_transform import ParameterTransform
 from .problem import Problem
 from .residual import free_offset
 from .stack_first.held_stack import with_stack_freed
 from .stack_first.peak_picking import PickedStack
-from .steady_sines import Inseparable, inseparable
+from .steady_sines import inseparable
 from .uncertainty.influence import amplification_of
 from .uncertainty.linear_intervals import linear_intervals, record_factors
 from .uncertainty.parameter_errors import StandardErrors, standard_errors_of
@@ -80,8 +79,12 @@ def summarise(
     free, loss = problem.residual.transform, problem.residual.loss
     values = {path: float(value) for path, value in {**starts, **free.decode(fit.free)}.items()}
     errors, mixed = standard_errors_of(method, evidence, stack), inseparable(evidence)
-    factor = errors.factor
-    weakly_determined, known, deviation = _determined(errors.known, free, mixed)
+    factor, known = errors.factor, errors.known
+    deviation = np.sqrt(np.diag(free.own_covariance(known.matrix)))
+    weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
+    tied_to_unknown = known.identifiable & np.isnan(deviation)
+    silent = weakly_determined | tied_to_unknown | free.among(() if mixed is None else mixed.paths)
+    known, deviation = known._replace(identifiable=known.identifiable & ~silent), np.where(silent, np.nan, deviation)
     slopes = np.abs(free.slope(fit.free))
     parameters = _parameters(study, evidence, values, starts, errors, known.identifiable, deviation)
     records = _beside_predictions(study, evidence, known.matrix, values, factor)
@@ -123,21 +126,6 @@ def summarise(
     )
     notes = notes_of(estimate, study, evidence, known.null, weakly_determined, factor, missed, mixed)
     return dataclasses.replace(estimate, notes=notes)
-
-
-def _determined(
-    known: Covariance, free: ParameterTransform, mixed: Inseparable | None
-) -> tuple[Bool[np.ndarray, " p"], Covariance, Float[np.ndarray, " p"]]:
-    """Which parameters hardly have any information, the covariance that says so, and the deviations of the others.
-
-    Parameters that steady sines mix have none either.
-    """
-    deviation = np.sqrt(np.diag(free.own_covariance(known.matrix)))
-    weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
-    tied_to_unknown = known.identifiable & np.isnan(deviation)
-    silent = weakly_determined | tied_to_unknown | free.among(() if mixed is None else mixed.paths)
-    known = known._replace(identifiable=known.identifiable & ~silent)
-    return weakly_determined, known, np.where(silent, np.nan, deviation)
 
 
 def _verdict(
@@ -186,8 +174,17 @@ def _parameters(
         i = free.paths.index(path) if path in free.paths else None
         error = math.nan if i is None else float(deviation[i] * slopes[i])
         known = i is None or bool(identifiable[i] or held[i])
-        fixed = FittedParameter(path, values[path], error, (math.nan, math.nan), p.unit, False, None, False, known)
-        out[path] = fixed
+        out[path] = FittedParameter(
+            path=path,
+            value=values[path],
+            standard_error=error,
+            interval=(math.nan, math.nan),
+            unit=p.unit,
+            free=False,
+            start=None,
+            at_bound=False,
+            identifiable=known,
+        )
         if i is None:
             continue
         pull = None
@@ -196,7 +193,7 @@ def _parameters(
             covariance = float(slopes[i] ** 2 * errors.cov_with_prior[i])
             pull = measurement_with_pull(p.measured_apart, values[path], variance, covariance)
         out[path] = dataclasses.replace(
-            fixed,
+            out[path],
             free=True,
             start=starts[path],
             at_bound=bool(held[i]),
