@@ -101,16 +101,16 @@ def steady_sine(time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], f
 
 
 def _distinct(numbers: Sequence[float]) -> list[float]:
-    """The numbers, those that are nearly another left out."""
+    """The numbers, those that are another to a per cent left out."""
     kept: list[float] = []
     for number in sorted(numbers):
-        if not kept or number > (1.0 + 0.01) * kept[-1]:
+        if not kept or number > 1.01 * kept[-1]:
             kept.append(number)
     return kept
 
 
 def _determined_by_onset(evidence: Evidence, frequencies: Sequence[float]) -> set[str]:
-    """Paths of the free parameters that a motion determines that is not steady: the onset of a drive that dies away."""
+    """Paths of the free parameters that what is not steady, the onset of a drive, determines to ten per cent."""
     problem, jacobian = evidence.problem, np.asarray(evidence.fit.state.jacobian)
     if not np.isfinite(jacobian).all():
         return set()

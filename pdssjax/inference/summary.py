@@ -82,6 +82,7 @@ def summarise(
     factor, known = errors.factor, errors.known
     deviation = np.sqrt(np.diag(free.own_covariance(known.matrix)))
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
+    # Nor has what constraints tie to a parameter without information, or what steady sines mix.
     tied_to_unknown = known.identifiable & np.isnan(deviation)
     silent = weakly_determined | tied_to_unknown | free.among(() if mixed is None else mixed.paths)
     known, deviation = known._replace(identifiable=known.identifiable & ~silent), np.where(silent, np.nan, deviation)

@@ -107,7 +107,7 @@ def beside_kink(
 
     before, beyond, count = point_at(0.0, jnp.asarray(y), state), None, 0
     # Shares of the step, the nearest first.
-    for share in tuple(4.0**power for power in range(-10, 1)):
+    for share in (4.0**power for power in range(-10, 1)):
         point, count = at(share), count + 1
         if point.slope >= 0.0:
             beyond = point

@@ -407,6 +407,7 @@ def _with_prediction(state: LMState, y: Float[Array, " p"], options: Bounds) -> 
         # Below zero only by rounding; one far below would be that of a step gone wrong, and no sign of an end.
         predicted_reduction=jnp.abs(best.predicted),
         cosine=jnp.max(jnp.where(blocked, 0.0, cosines), initial=0.0),
+        # Parameters and residual gather some four relative rounding errors.
         rounding=4.0 * jnp.finfo(y.dtype).eps * norm * jnp.linalg.norm(norms * y),
     )
 
