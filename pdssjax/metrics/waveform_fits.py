@@ -229,7 +229,7 @@ def fit_sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval:
     if sharp is not None:
         voltage, period, start, fast = sharp[:4]
         ideal, error = False, sharp.voltage_error
-        shape = levels_of(time, forward, voltage / (1.0 - fast / period), period, start, fast)[all_cycles]
+        shape = levels_of(time, forward, np.array([voltage / (1.0 - fast / period), period, start, fast]))[all_cycles]
         lowest = float(np.polyfit(shape, volts[all_cycles], 1)[1])
     numbers = {"voltage": voltage, "frequency": 1.0 / period} | ({} if ideal else {"fall_time": fast})
     open_part = f"which leaves {100 * JUMP * interval / period:.2g} % of the voltage open"
