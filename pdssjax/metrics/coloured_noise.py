@@ -57,33 +57,29 @@ class StationaryNoise(NamedTuple):
         """Twice the gain in log-likelihood over white noise, less twice the numbers that it took (Akaike)."""
         if not self.order:
             return 0.0
-        variance = self.autocovariance(_lags(time))[0]
+        variance = self._on_grid(time)[0][0]
         return float(freedom * np.log(variance / self.innovation) - 2.0 * self.order)
 
     def independent(self, time: Float[np.ndarray, " n"]) -> float:
         """Independent samples per sample, by the variance of their mean square (M. S. Bartlett, 1946)."""
         if not self.order:
             return 1.0
-        covariance = self.autocovariance(_lags(time))
+        covariance, _ = self._on_grid(time)
         return float(1.0 / (1.0 + 2.0 * np.sum((covariance[1:] / covariance[0]) ** 2)))
 
     def covariance_product(
         self, columns: Float[np.ndarray, "n p"], time: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, "n p"]:
         """C X, with C the covariance of samples at `time` [s], on an even grid; no matrix C is made."""
-        return toeplitz_product(self.autocovariance(_lags(time)), columns, _places(time))
+        covariance, places = self._on_grid(time)
+        return toeplitz_product(covariance, columns, places)
 
-
-def _places(time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    places = grid_positions(time)
-    if places is None:
-        raise ValueError("found times on no even grid, expected those that the noise was found from")
-    return places
-
-
-def _lags(time: Float[np.ndarray, " n"]) -> int:
-    """All that there are between samples."""
-    return int(_places(time)[-1]) + 1
+    def _on_grid(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " lags"], Int[np.ndarray, " n"]]:
+        """Autocovariance at all lags between samples at `time` [s], and the places of these on their grid."""
+        places = grid_positions(time)
+        if places is None:
+            raise ValueError("found times on no even grid, expected those that the noise was found from")
+        return self.autocovariance(int(places[-1]) + 1), places
 
 
 def grid_positions(time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"] | None:
@@ -327,7 +323,13 @@ def noise_in_time(values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
     best, least = NoiseInTime(size * grown), 0.0
     if values.size < _FEWEST_SAMPLES or size <= 0.0:
         return best
-    gaps, scaled, part = _stretches(time, values / np.sqrt(size))
+    # A long record in stretches, in each of which the filter begins anew; some of them tell enough.
+    count = -(-values.size // _LONGEST_STRETCH)
+    length = values.size // count
+    taken = np.unique(np.linspace(0, count - 1, min(count, _MOST_STRETCHES)).astype(int))
+    stretches = lambda whole: whole[: count * length].reshape(count, length)[taken]
+    gaps, scaled = stretches(np.diff(time, prepend=time[0])), stretches(values / np.sqrt(size))
+    part = scaled.size / values.size
     judge = lambda numbers: _deviances(gaps, scaled, numbers)
     price = 2.0 * np.log(np.log(max(freedom, 3.0)))
     for turns in ((0.0,), _FIRST_TURNS):
@@ -338,20 +340,6 @@ def noise_in_time(values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
         if price * found.order - found.gain < least:
             best, least = found, price * found.order - found.gain
     return best
-
-
-def _stretches(
-    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "stretches m"], Float[np.ndarray, "stretches m"], float]:
-    """Gaps before the samples and values of a long record in stretches, each of which a filter begins anew.
-
-    **Returns:** last, which part of all samples is in them.
-    """
-    count = -(-values.size // _LONGEST_STRETCH)
-    size = values.size // count
-    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_STRETCHES)).astype(int))
-    cut = lambda whole: whole[: count * size].reshape(count, size)[chosen]
-    return cut(np.diff(time, prepend=time[0])), cut(values), chosen.size * size / values.size
 
 
 def _lowest(

@@ -90,49 +90,34 @@ def find_cycles(
             f"{where}: found no cycles: at {about:.4g} Hz, a sawtooth explains {100 * fit:.0f} % of the motion about "
             f"its trend, expected {wanted}."
         )
-    return _count_cycles(time, values, about, time[0] + phase / about, sign, frequency, where)
-
-
-def _count_cycles(
-    time: Float[np.ndarray, " m"],
-    values: Float[np.ndarray, " m"],
-    frequency: float,
-    start: float,
-    sign: float,
-    given: float | None,
-    where: str,
-) -> Cycles:
-    """The complete cycles, once frequency and start are known to a part of a period."""
-    seen, error = frequency, np.inf
-    for _ in range(2):
-        first, begun = _first_cycle(time, frequency, start)
-        good = _similar_flanks(time, values, frequency, first, begun)
+    start, seen, error = time[0] + phase / about, about, np.inf
+    first, begun, good = 0.0, 0, np.zeros(0, int)
+    for remaining in (2, 1, 0):
+        first, begun = _first_cycle(time, about, start)
+        good = _similar_flanks(time, values, about, first, begun)
         if len(good) < 2:
             raise InputError(
-                f"{where}: found {len(good)} complete slow flanks at {frequency:.4g} Hz, "
+                f"{where}: found {len(good)} complete slow flanks at {about:.4g} Hz, "
                 "expected two at least, of a record of several cycles."
             )
-        # The slips at both ends of every flank that is like the others.
-        expected = first + np.append(good, good[-1] + 1) / frequency
-        slips = _slips(time, values, frequency, expected, sign)
-        seen, start, error = _line_of_slips(slips, expected, frequency, float(np.median(np.diff(time))))
-        frequency = given or seen
-    first, begun = _first_cycle(time, frequency, start)
-    good = _similar_flanks(time, values, frequency, first, begun)
-    if len(good) < 2:
-        raise InputError(f"{where}: found no two slow flanks alike near {frequency:.4g} Hz, expected several cycles.")
-    stroke = cycle_metrics(time, values, frequency, first + good[0] / frequency, len(good) - 1).stroke
-    falls = bool(np.median(np.asarray(stroke)) < 0)
-    count, begins = len(good) - 1, float(first + good[0] / frequency)
-    if given is None and count < 2:
+        if remaining:
+            # The slips at both ends of every flank that is like the others.
+            expected = first + np.append(good, good[-1] + 1) / about
+            slips = _slips(time, values, about, expected, sign)
+            seen, start, error = _line_of_slips(slips, expected, about, interval)
+            about = frequency or seen
+    count, begins = len(good) - 1, float(first + good[0] / about)
+    if frequency is None and count < 2:
         raise InputError(
             f"{where}: found one complete cycle at most, from which no frequency can be told, "
             "expected the drive's frequency or a longer record."
         )
+    stroke = cycle_metrics(time, values, about, begins, count).stroke
+    falls = bool(np.median(np.asarray(stroke)) < 0)
     # How well a sawtooth fits is asked of the cycles alone, not of the rest before and after.
-    used = (time >= begins) & (time <= begins + (count + 1) / frequency)
-    fit, *_ = _best_sawtooth(time[used], values[used], frequency, frequency, frequency)
-    return Cycles(frequency, seen, error, begins, count, begun - count, falls, fit)
+    used = (time >= begins) & (time <= begins + (count + 1) / about)
+    fit, *_ = _best_sawtooth(time[used], values[used], about, about, about)
+    return Cycles(about, seen, error, begins, count, begun - count, falls, fit)
 
 
 def _first_cycle(time: Float[np.ndarray, " m"], frequency: float, start: float) -> tuple[float, int]:

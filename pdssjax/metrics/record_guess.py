@@ -111,11 +111,19 @@ def guess_record(
     else:
         waveform = detect_waveform(time, volts)
         motion = _displacement_of(time, motion, volts, waveform) if velocity else motion
-        explained, leaves = _line_of_voltage(motion, volts)
+        straight = np.stack([np.ones(volts.size), volts], axis=1)
+        left = motion - straight @ np.linalg.lstsq(straight, motion, rcond=None)[0]
+        explained = 1.0 - float(np.var(left) / (np.var(motion) or 1.0))
+        leaves = float(np.std(left) / (np.ptp(motion) or 1.0))
         seen = measures or _measured_part(waveform, explained, _has_net_step(time, motion, volts, waveform), where)
         if seen == "platform" and waveform.name == "sine" and waveform.begins == "running":
             waveform = _started_with_record(time, motion, waveform)
-    against = volts is not None and _is_reversed(time, motion, volts, waveform, seen)
+    if volts is None:
+        against = False
+    elif seen == "effector" and waveform.has_fast_flanks:
+        against = rides_against(time, motion, volts, 1.0 / waveform.numbers["frequency"], waveform.start)
+    else:
+        against = goes_against(time, motion, volts)
     resolution = resolution_of(measured)
     start = waveform.start
     if waveform.begins == "running" and waveform.name != "sampled":
@@ -147,18 +155,6 @@ def _displacement_of(
     zero = rest_of(early, speed, held, returns=True)
     assert zero is not None
     return integrated(time, speed - zero)
-
-
-def _is_reversed(
-    time: Float[np.ndarray, " n"],
-    motion: Float[np.ndarray, " n"],
-    volts: Float[np.ndarray, " n"],
-    waveform: Waveform,
-    seen: str,
-) -> bool:
-    if seen == "effector" and waveform.has_fast_flanks:
-        return rides_against(time, motion, volts, 1.0 / waveform.numbers["frequency"], waveform.start)
-    return goes_against(time, motion, volts)
 
 
 def gain_of(guess: RecordGuess) -> float:
@@ -276,14 +272,6 @@ def _simplest_number(value: float, tolerance: float) -> float:
     return value
 
 
-def _line_of_voltage(motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Fit a straight line of the voltage to a motion: r2, and the rms residual as a fraction of the motion's range."""
-    straight = np.stack([np.ones(volts.size), volts], axis=1)
-    left = motion - straight @ np.linalg.lstsq(straight, motion, rcond=None)[0]
-    explained = 1.0 - float(np.var(left) / (np.var(motion) or 1.0))
-    return explained, float(np.std(left) / (np.ptp(motion) or 1.0))
-
-
 _OPPOSED_CORRELATION = -0.7
 """Correlation of detrended motion and voltage below which the motion goes against the voltage."""
 
@@ -297,8 +285,16 @@ _SLOW_FLANK = 0.5, 0.95
 def goes_against(
     time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]
 ) -> bool:
-    """Whether the `motion` [m] of a platform, or of what follows it, goes against `volts` [V] at `time` [s]."""
-    return _correlation(time, motion, volts) < _OPPOSED_CORRELATION
+    """Whether the `motion` [m] of a platform, or of what follows it, goes against `volts` [V] at `time` [s].
+
+    By their correlation, after a linear detrend in time.
+    """
+    line = np.stack([np.ones(time.size), time - time.mean()], axis=1)
+    bent = [column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (motion, volts)]
+    size = [float(np.linalg.norm(column)) for column in bent]
+    if size[1] <= 1e-6 * np.linalg.norm(volts) or size[0] == 0:
+        return False
+    return float(bent[0] @ bent[1]) < _OPPOSED_CORRELATION * size[0] * size[1]
 
 
 def rides_against(
@@ -326,15 +322,3 @@ def rides_against(
         return goes_against(time, motion, volts)
     ways = [column[lasts[within]] - column[firsts[within]] for column in (motion, volts)]
     return bool(np.mean(ways[0] * ways[1] < 0) > _OPPOSED_SHARE)
-
-
-def _correlation(
-    time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]
-) -> float:
-    """Correlation of motion and voltage after a linear detrend in time; 0 where nothing is left of one of them."""
-    line = np.stack([np.ones(time.size), time - time.mean()], axis=1)
-    bent = [column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (motion, volts)]
-    size = [float(np.linalg.norm(column)) for column in bent]
-    if size[1] <= 1e-6 * np.linalg.norm(volts) or size[0] == 0:
-        return 0.0
-    return float(bent[0] @ bent[1]) / (size[0] * size[1])

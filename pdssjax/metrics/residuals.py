@@ -119,16 +119,11 @@ def lack_of_fit(residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
     centre = np.mean(values[repeated])
     between = float(np.sum((split.mean[group] - centre)[repeated] ** 2)) / (phases - 1)
     misfit = max(between - within, 0.0) * (phases - 1) / samples
-    independent = _independent(split, time)
+    # Independent samples a sample, by the noise of a cycle.
+    noise = noise_at(time, split.rest, float(np.sum(np.isfinite(split.rest))), split.sizes.size // 2)
+    independent = noise.independent(time[: split.sizes.size])
     sigmas = _sigmas(between, within, (phases - 1) * independent, (samples - phases) * independent)
     return LackOfFit(float(np.sqrt(within)), float(np.sqrt(misfit)), sigmas)
-
-
-def _independent(split: CycleSplit, time: Float[np.ndarray, " n"]) -> float:
-    """Independent samples of the noise a sample, by those of a cycle."""
-    freedom = float(np.sum(np.isfinite(split.rest)))
-    noise = noise_at(time, split.rest, freedom, split.sizes.size // 2)
-    return noise.independent(time[: split.sizes.size])
 
 
 def _sigmas(between: float, within: float, above: float, below: float) -> float:

@@ -12,7 +12,7 @@
 import dataclasses
 import itertools
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -22,15 +22,8 @@ from .sharpened_flanks import widened
 from .voltage_flanks import Samples, extremes_of, voltage_flanks
 from .waveform_fits import AT_ZERO, FITS, LOCATED, Waveform, cycloid_at, fit_step
 
-if TYPE_CHECKING:
-    from .waveform_fits import Waveform
-
-
 MOST_MISFIT = 0.015
 """Largest rms residual of a waveform beyond the noise, as a fraction of the voltage."""
-
-_VOLTS = "voltage", "bias"
-"""Numbers of a waveform that change sign with the voltage."""
 
 _REST = 4
 """Fewest samples of a rest."""
@@ -89,7 +82,7 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
 
 def _turned(found: Waveform, turned: float) -> Waveform:
     """`found` in a voltage that was `turned` round, where that is -1, as it was recorded."""
-    back = {field: turned * number for field, number in found.numbers.items() if field in _VOLTS}
+    back = {field: turned * number for field, number in found.numbers.items() if field in ("voltage", "bias")}
     return dataclasses.replace(found, numbers=found.numbers | back)
 
 
@@ -121,12 +114,13 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
     flanks = voltage_flanks(elapsed, volts, low, high)
     rest = _rest(time, volts, high - low)
     rests = rest.end if rest is not None and abs(rest.level) <= AT_ZERO * (high - low) else None
-    if len(flanks.rises) + len(flanks.falls) == 1 and len(flanks.rises) == 1:
+    counts = len(flanks.rises), len(flanks.falls)
+    if counts == (1, 0):
         step = fit_step(elapsed, volts, flanks, interval, -first)
         if step.misfit < MOST_MISFIT and abs(low) < AT_ZERO * high:
             return dataclasses.replace(step, start=step.start + first)
     limit = MOST_MISFIT + 2.0 * scatter_between_corners(volts) / (high - low)
-    if max(len(flanks.rises), len(flanks.falls)) >= 2 and min(len(flanks.rises), len(flanks.falls)) >= 1:
+    if max(counts) >= 2 and min(counts) >= 1:
         candidates = [fit(elapsed, volts, flanks, interval) for fit in FITS]
         fitting = [c for c in candidates if c is not None and c.misfit < limit]
         if fitting:
@@ -137,8 +131,10 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
                 rests = None
             located = (1.5 if simplest.uncertain else LOCATED) * interval
             located = located if simplest.timing is None else min(located, simplest.timing.within)
-            simplest = dataclasses.replace(_with_frequency_bound(simplest), start=simplest.start + first)
-            return begun(simplest, time, rests, 1.5 * interval, located)
+            within = 2.0 * simplest.frequency_error
+            said = () if within < _TOLD else (f"frequency: within {100 * within:.2g} %",)
+            found = dataclasses.replace(simplest, uncertain=simplest.uncertain + said, start=simplest.start + first)
+            return begun(found, time, rests, 1.5 * interval, located)
     start = float(time[0]) if rests is None else _before_onset(time, volts, rests)
     # The first stair of a staircase is no voltage that was held before.
     held = rest is not None and rest.end - time[0] > _HELD * (time[-1] - time[0])
@@ -156,13 +152,6 @@ def _runs_low(found: Waveform, elapsed: Samples, volts: Samples, until: float) -
         runs = volts[quiet] - cycloid_at(elapsed[quiet], found)
         return bool(runs @ runs < volts[quiet] @ volts[quiet])
     return False
-
-
-def _with_frequency_bound(found: Waveform) -> Waveform:
-    """`found`, which says how well its frequency is told where noise and length leave it open."""
-    within = 2.0 * found.frequency_error
-    said = () if within < _TOLD else (f"frequency: within {100 * within:.2g} %",)
-    return dataclasses.replace(found, uncertain=found.uncertain + said)
 
 
 def _before_onset(time: Samples, volts: Samples, leaves: float) -> float:
@@ -245,7 +234,7 @@ _SAMPLES = 3
 """Fewest samples between the first and the last of `_SHARES`: with fewer a corner looks like a bend."""
 
 
-def rounding_of(time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], waveform: "Waveform") -> float:
+def rounding_of(time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], waveform: Waveform) -> float:
     """How much longer a fast flank takes for its second half than for its first one, by the median of all flanks.
 
     1 of a straight line, ln 5 / ln 1.8 = 2.7 behind an amplifier of first order; NaN of other waveforms and of flanks
