@@ -141,11 +141,8 @@ def fit_all(
     own = [c for c in candidates if c.is_own]
     near = neighbours(candidates) | dict.fromkeys(c.name for c in own)
 
-    def lost(candidate: Candidate, why: str) -> Answer:
-        return failed(candidate, why), None
-
     with workers(executor, len(open_ones())) as submit:
-        run = functools.partial(gathered, submit, keep, lost)
+        run = functools.partial(gathered, submit, keep, lambda candidate, why: (failed(candidate, why), None))
 
         def from_right_or_neighbour(candidate: Candidate) -> Task | None:
             before = own if own_is_right else [*own, *(c for c in candidates if len(c.free) < len(candidate.free))]
@@ -156,7 +153,9 @@ def fit_all(
                 return Task(candidate, effort, best, best=_misfit(best))
             if (neighbour := near[candidate.name]) is not None and neighbour not in done:
                 return None
-            return Task(candidate, effort, _nearest_fitted(candidate, near, done))
+            while neighbour is not None and not _is_usable(done[neighbour]):
+                neighbour = near.get(neighbour)
+            return Task(candidate, effort, None if neighbour is None else done[neighbour])
 
         run(fit_candidate, [c for c in own if c.name not in done], lambda c: Task(c, effort))
         own_is_right = any(done[c.name].explained for c in own)
@@ -216,16 +215,6 @@ def _worth_trying(fitted: FittedCandidate, best: FittedCandidate | None) -> Fitt
 
 def _free_values(fitted: FittedCandidate) -> dict[str, float]:
     return {path: fitted.values[path] for path in fitted.free}
-
-
-def _nearest_fitted(
-    candidate: Candidate, near: Mapping[str, str | None], done: Mapping[str, FittedCandidate]
-) -> FittedCandidate | None:
-    """The nearest simpler candidate that has a fit."""
-    name = near[candidate.name]
-    while name is not None and not _is_usable(done[name]):
-        name = near.get(name)
-    return None if name is None else done[name]
 
 
 def _timed(work: Callable[[Task], Answer]) -> Callable[[Task], Answer]:

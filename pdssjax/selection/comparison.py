@@ -249,17 +249,14 @@ class Comparison:
         """
         import pandas
 
-        nan = float("nan")
-        pair = lambda found: (nan, nan) if found is None else (found.total, found.standard_error)
-        rows = {}
-        for result in self.results:
-            (by, error), (records_by, records_error) = pair(result.time), pair(result.records)
-            rows[result.name] = {
+        none = Difference(np.nan, np.nan, False)
+        rows = {
+            result.name: {
                 "free": len(result.fitted.free),
-                "worse_by": by,
-                "standard_error": error,
-                "records_worse_by": records_by,
-                "records_standard_error": records_error,
+                "worse_by": (result.time or none).total,
+                "standard_error": (result.time or none).standard_error,
+                "records_worse_by": (result.records or none).total,
+                "records_standard_error": (result.records or none).standard_error,
                 "criterion": result.criterion,
                 "group": result.group,
                 "worse": result.is_worse,
@@ -267,4 +264,6 @@ class Comparison:
                 "explained": result.fitted.explained,
                 "failure": result.fitted.failure,
             }
+            for result in self.results
+        }
         return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("model")

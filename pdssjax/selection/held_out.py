@@ -81,7 +81,7 @@ def _blocks(record: Record) -> list[Bool[np.ndarray, " samples"]]:
         # A rest of a cycle at either end goes with its neighbour.
         first, last = (int(np.round(end * frequency)) for end in (time[0], time[-1]))
         cycle = np.clip(cycle, first, last - 1)
-        cycle = cycle - cycle.min()
+        cycle -= cycle.min()
         count = int(cycle.max()) + 1
         groups = cycle * min(most, count) // count
     else:
@@ -109,8 +109,8 @@ def held_out(
     return tuple(out), refitted
 
 
-def _zero(record: Record, rest: Float[np.ndarray, " samples"], used: Bool[np.ndarray, " samples"]) -> float:
-    return float(np.mean(rest[used])) if record.offset is None else record.offset
+def _zero(record: Record, rest: Float[np.ndarray, " samples"]) -> float:
+    return float(np.mean(rest)) if record.offset is None else record.offset
 
 
 class _Optimum(NamedTuple):
@@ -136,7 +136,8 @@ class _Optimum(NamedTuple):
 
     def without(self, part: Part) -> tuple[Float[np.ndarray, " p"], bool]:
         """The parameters that the samples outside a `part` give, and whether it took another fit; NaN for none."""
-        left = self._left(part)
+        left = np.ones(self.residual_at.size, bool)
+        left[self.problem.rows[self.places[part.record]]] = ~part.rows
         basis, residual = self.basis * left[:, None], self.residual_at * left
         # Of what all samples tell of each direction, the share that is left without the part.
         share, axes = np.linalg.eigh(basis.T @ basis)
@@ -147,41 +148,31 @@ class _Optimum(NamedTuple):
         free = np.clip(free, *self.problem.bounds)
         if self._chi2(free, part) <= self._chi2(self.free, part) + MAX_CHI2_RISE:
             return free, False
-        return self._refitted(part), True
-
-    def _left(self, part: Part) -> Bool[np.ndarray, " n"]:
-        """Which residuals are left."""
-        left = np.ones(self.residual_at.size, bool)
-        left[self.problem.rows[self.places[part.record]]] = ~part.rows
-        return left
+        used = [np.ones(record.time.size, bool) for record in self.problem.records]
+        used[self.places[part.record]] = ~part.rows
+        every = np.ones(len(used), bool)
+        fit = fit_phase(self.problem.fitted_to(used), self.free, every, self.moved, "all", quiet, REFIT_ITERATIONS)
+        return np.asarray(fit.free), True
 
     def _chi2(self, free: Float[np.ndarray, " p"], part: Part) -> float:
         """Chi-square of the samples outside a `part`; infinite where the simulation fails."""
         motions, total = self.motions(free), 0.0
         for place, number in self.places.items():
-            record, used = self.study.records[place], np.ones(motions[place].size, bool)
+            record = self.study.records[place]
+            rest = record.measured - motions[place]
             if place == part.record:
-                used = ~part.rows
-            if used.any():
-                rest = (record.measured - motions[place])[used]
-                rest = rest - _zero(record, rest, np.ones(rest.size, bool))
+                rest = rest[~part.rows]
+            if rest.size:
+                rest = rest - _zero(record, rest)
                 total += float(np.sum(rest**2)) / float(self.problem.noise[number]) ** 2
         return total if np.isfinite(total) else np.inf
-
-    def _refitted(self, part: Part) -> Float[np.ndarray, " p"]:
-        used = [np.ones(record.time.size, bool) for record in self.problem.records]
-        used[self.places[part.record]] = ~part.rows
-        problem = self.problem.fitted_to(used)
-        every = np.ones(len(used), bool)
-        fit = fit_phase(problem, self.free, every, self.moved, "all", quiet, REFIT_ITERATIONS)
-        return np.asarray(fit.free)
 
     def residual(self, part: Part, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, " held"]:
         """Measured less predicted of a `part` with the parameters `free`."""
         record = self.study.records[part.record]
         rest = record.measured - self.motions(free)[part.record]
         outside = ~part.rows if (~part.rows).any() else part.rows
-        return (rest - _zero(record, rest, outside))[part.rows]
+        return (rest - _zero(record, rest[outside]))[part.rows]
 
 
 def _at_optimum(study: Study, fitted: FittedCandidate) -> _Optimum:
@@ -197,5 +188,5 @@ def _at_optimum(study: Study, fitted: FittedCandidate) -> _Optimum:
     moved = ~(ended | problem.residual.transform.at_bound(free)) & (np.linalg.norm(jacobian, axis=0) > 0.0)
     basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zero_columns(problem, len(jacobian))]))
     used = [place for place, record in enumerate(study.records) if record.role == "fit"]
-    places = {place: number for number, place in enumerate(used)}
+    places = dict(zip(used, range(len(used)), strict=True))
     return _Optimum(study, problem, free, np.asarray(state.residual), basis, spread, moved, places)

@@ -186,11 +186,9 @@ class Scores(NamedTuple):
         chance = np.array([float(np.sum((a - b) ** 2)) for a, b in zip(better, worse, strict=True)])
         total = float(np.sum(values))
         left, variance = self.excess(first if total >= 0.0 else second), 0.0
-        for record in {part.record for part in self.parts}:
-            here = np.array([part.record == record for part in self.parts])
-            count, scatter = int(here.sum()), 0.0
-            if count > 1 and left:
-                scatter = count * float(np.var(values[here], ddof=1))
+        records = np.array([part.record for part in self.parts])
+        for here in (records == record for record in {*records}):
+            scatter = here.sum() * float(np.var(values[here], ddof=1)) if here.sum() > 1 and left else 0.0
             variance += max(scatter, float(np.sum(chance[here])))
         matters = abs(total) >= max(MIN_SCORE_DIFFERENCE, 0.5 * left)
         if self.fits:
@@ -267,9 +265,7 @@ def groups_of(order: Sequence[str], chosen: str, reference: str, scores: Scores)
     `reference`, and holds the `chosen` model.
     """
     time, records = scores.only("time", "validation"), scores.only("record", "validation")
-    alike = lambda best, name: (
-        not (time.difference(best, name).is_significant or records.difference(best, name).is_significant)
-    )
+    alike = lambda best, name: not any(s.difference(best, name).is_significant for s in (time, records))
     left, out, best = list(order), [], reference
     while left:
         group = [name for name in left if name in (best, chosen if not out else best) or alike(best, name)]
