@@ -125,9 +125,7 @@ class Discrimination(AbstractCriterion):
 
     def evidence(self, information: Float[np.ndarray, "*many draws q q"]) -> Float[np.ndarray, "*many draws"]:
         """The expected logarithm of the evidence ratio of the right law to the other, the mean of both ways."""
-        rest = information.shape[-1] - 1
-        parts = slice(0, self.own), slice(self.own, rest)
-        own, rival = (_left_by_fit(information, part) for part in parts)
+        own, rival = (_left_by_fit(information, part) for part in (slice(0, self.own), slice(self.own, -1)))
         return 0.5 * (own + rival)
 
     @property

@@ -132,7 +132,7 @@ def unseen_combinations(information: Float[np.ndarray, "q q"], paths: Sequence[s
     diagonal = np.diag(information)
     largest = float(np.max(diagonal, initial=0.0))
     informed = diagonal > NULL_EIGENVALUE * NULL_EIGENVALUE * largest
-    found = [Unseen({path: 1.0}) for path, is_informed in zip(paths, informed, strict=True) if not is_informed]
+    found = [Unseen({paths[i]: 1.0}) for i in np.flatnonzero(~informed)]
     kept = np.flatnonzero(informed)
     if not kept.size:
         return found
@@ -141,8 +141,7 @@ def unseen_combinations(information: Float[np.ndarray, "q q"], paths: Sequence[s
     for vector in vectors.T[values <= NULL_EIGENVALUE * values[-1]]:
         direction = vector / scale
         direction = direction / direction[np.argmax(np.abs(direction))]
-        names = [path for path, is_informed in zip(paths, informed, strict=True) if is_informed]
-        parts = {path: float(e) for path, e in zip(names, direction, strict=True) if abs(e) >= TAKES_PART}
+        parts = {paths[i]: float(e) for i, e in zip(kept, direction, strict=True) if abs(e) >= TAKES_PART}
         found.append(Unseen(dict(sorted(parts.items(), key=lambda part: -abs(part[1])))))
     return found
 

@@ -16,9 +16,6 @@ from .information import Noise, record_information
 from .sampling import Grid, Schedule
 from .sensitivities import Response, Sensitivities, Simulation
 
-_LEAST_LANE = 400
-"""Sample times of a lane at least."""
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Point:
@@ -37,10 +34,10 @@ class Survey:
         self.limits = limits
         ringing = study.values().get("piezo.natural_frequency")
         self.ringing = None if ringing is None else float(ringing)
-        self._grids = {experiment: self._new_grid(experiment) for experiment in experiments}
+        self._grids: dict[Experiment, Grid] = {}
         sizes: dict[tuple[str, str], int] = {}
-        for experiment, grid in self._grids.items():
-            sizes[experiment.group] = max(sizes.get(experiment.group, _LEAST_LANE), grid.times.size)
+        for experiment in experiments:
+            sizes[experiment.group] = max(sizes.get(experiment.group, 400), self.grid(experiment).times.size)
         self.sizes = sizes
         self.own = Sensitivities(study, limits, self._grids, sizes)
         self.rival = None if rival is None else Sensitivities(rival, limits, self._grids, sizes)
@@ -51,13 +48,10 @@ class Survey:
         """Columns of an information: parameters of the study, and with a rival its parameters and the difference."""
         return len(self.own.paths) + (0 if self.rival is None else len(self.rival.paths) + 1)
 
-    def _new_grid(self, experiment: Experiment) -> Grid:
-        return experiment.grid(self.ringing, self.limits.interval, self.limits.duration)
-
     def grid(self, experiment: Experiment) -> Grid:
         """The dense grid of an experiment."""
         if experiment not in self._grids:
-            self._grids[experiment] = self._new_grid(experiment)
+            self._grids[experiment] = experiment.grid(self.ringing, self.limits.interval, self.limits.duration)
         return self._grids[experiment]
 
     def noise(self, kind: str) -> Noise:
@@ -153,9 +147,8 @@ def _in_pieces(
     for simulation in simulations:
         size = sizes[simulation.experiment.group]
         parts = [simulation.times[i : i + size] for i in range(0, simulation.times.size, size)]
-        if (
-            simulation.experiment.drive is None and len(parts) > 1
-        ):  # a prescribed motion is known at its own samples only
+        if simulation.experiment.drive is None and len(parts) > 1:
+            # A prescribed motion is known at its own samples only.
             parts = [simulation.times[:: -(-simulation.times.size // size)]]
         pieces += [simulation._replace(times=part) for part in parts]
         counts.append(len(parts))
