@@ -30,12 +30,8 @@ class ControlRow:
     """A slider, and the field beside it."""
 
     def __init__(self, knob: Knob, number: float, on_change: OnChange, on_message: OnMessage):
-        self.knob, self._on_change, self._on_message = (
-            knob._replace(range=knob.range.widened(number, knob.quantity)),
-            on_change,
-            on_message,
-        )
-        self._quiet = False
+        self.knob = knob._replace(range=knob.range.widened(number, knob.quantity))
+        self._on_change, self._on_message, self._quiet = on_change, on_message, False
         name = knob.path.partition(".")[2] or knob.path
         tag = "" if knob.free or not knob.parameter else ' <span style="color:#888">fixed</span>'
         label = f'<span title="{html.escape(knob.path)}">{html.escape(name)}{tag}</span>'
@@ -71,21 +67,21 @@ class ControlRow:
     def show(self, number: float) -> None:
         """Move slider and field to `number` [SI] without reporting a change."""
         self.knob = self.knob._replace(range=self.knob.range.widened(number, self.knob.quantity))
+        self._set(self._slider, self.knob.range.position(number))
+        self._set(self._field, self.knob.text(number))
+
+    def _set(self, widget: Widget, value: object) -> None:
+        """Give a widget a value that it does not report as a change."""
         self._quiet = True
         try:
-            self._slider.value = self.knob.range.position(number)
-            self._field.value = self.knob.text(number)
+            widget.value = value
         finally:
             self._quiet = False
 
     def _slid(self, event: object) -> None:
         if not self._quiet:
             number = self.knob.range.number(self._slider.value)
-            self._quiet = True
-            try:
-                self._field.value = self.knob.text(number)
-            finally:
-                self._quiet = False
+            self._set(self._field, self.knob.text(number))
             self._on_message("")
             self._on_change(self.knob.path, number)
 
@@ -205,14 +201,11 @@ class FitBox:
         self._line.object = html.escape(line)
 
 
-Save = Callable[[Path, bool], Path]
-"""Writes a study to a path, over another where asked, and gives its whole path.  Raises `InputError` or `OSError`."""
-
-
 class SaveBox:
     """A field for the path, a button, and a line that says what was saved."""
 
-    def __init__(self, suggested: Path, save: Save):
+    def __init__(self, suggested: Path, save: Callable[[Path, bool], Path]):
+        """`save` writes a study to a path, over another where asked, and gives its whole path."""
         self._save, self._folder = save, suggested.parent
         self._path = pn.widgets.TextInput(
             value=suggested.name,
