@@ -23,6 +23,7 @@ from jaxtyping import Float
 from ..core import InputError, InputWarning
 from .cycle_detection import CLEAR_FIT, Cycles, find_cycles
 from .per_cycle import cycle_metrics, force_metrics, turning_points
+from .sensor_samples import Samples
 
 SI_UNITS = {"displacement": "m", "force": "N"}
 
@@ -57,9 +58,9 @@ class Characterisation:
     """"displacement" or "force"."""
     column: str
     """The column that was read."""
-    time: Float[np.ndarray, " m"]
+    time: Samples
     """Sample times [s]."""
-    values: Float[np.ndarray, " m"]
+    values: Samples
     """The samples as they were measured, their sign kept [m or N]."""
     given: bool
     """The frequency was given and not found."""
@@ -88,8 +89,8 @@ class Characterisation:
 
 
 def characterisation_of(
-    times: Float[np.ndarray, " m"],
-    values: Float[np.ndarray, " m"],
+    times: Samples,
+    values: Samples,
     measures: str,
     *,
     file: Path,
@@ -159,7 +160,7 @@ def _summaries(
 
 
 def _turning_points(
-    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], cycles: Cycles, slip_duration: float
+    time: Samples, values: Samples, cycles: Cycles, slip_duration: float
 ) -> tuple[Float[np.ndarray, " slips"], Float[np.ndarray, " slips"]]:
     """Extremes on both sides of the slips, whose time is not known to a sample, nor how long they take."""
     slack = slip_duration + 2 * max(float(np.median(np.diff(time))), 0.005 / cycles.frequency)

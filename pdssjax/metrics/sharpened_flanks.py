@@ -40,21 +40,12 @@ _CORNER_SHARE = 0.05
 _LOCATED = 0.5
 """Standard error of start and duration, in sampling intervals, above which samples on a flank do not locate it."""
 
-_LARGEST_MISFIT = 1.5
-"""Largest rms residual of straight flanks, in standard deviations of the voltage's noise."""
-
 _HUM = 5e-3
 """Largest residual of slow flanks that counts as noise, as a fraction of the voltage: hum matters far more to one
 sample on a fast flank than to where that flank begins."""
 
-_NEAR_FLANK = 0.25
-"""Distance from a fast flank, as a fraction of the period, beyond which samples determine the slow flank."""
-
 _AVERAGED_EXCESS = 12.0
 """Largest excess of chi-square of a minimum that is averaged with the best, each weighted by its likelihood."""
-
-_ROUNDING_EXCESS = 9.0
-"""Largest excess of chi-square of a frequency rounded to `_FREQUENCY_DIGITS`, as generators are set."""
 
 _FREQUENCY_DIGITS = 3
 """Significant digits of a rounded frequency."""
@@ -92,7 +83,7 @@ def sharpened_sawtooth(
     """
     voltage, period, start = about
     turn = np.mod((time - start) / period + 0.5, 1.0) - 0.5
-    near = np.abs(turn) * period < min(2.0 * max(seen, interval) + 4.0 * interval, _NEAR_FLANK * period)
+    near = np.abs(turn) * period < min(2.0 * max(seen, interval) + 4.0 * interval, 0.25 * period)
     noise = max(scatter_between_corners(volts), 1e-6 * voltage)
     # The slow flanks are u = a + s t - c n, n the cycle; `triangle` is the root of the information on (a, s, c).
     design = np.stack([np.ones(time.size), time, -np.floor((time - start) / period)], axis=1)[~near]
@@ -124,7 +115,7 @@ def sharpened_sawtooth(
     # With the period that a generator may have been set to.
     low[1] = high[1] = 1.0 / float(f"{1.0 / numbers[1]:.{_FREQUENCY_DIGITS}g}")
     held, _, least_held = _least_squares(residuals, jacobian, firsts, low, high)
-    if least_held < least + _ROUNDING_EXCESS:
+    if least_held < least + 9.0:  # within three standard deviations
         # Another period may explain the samples as well, with other flanks.
         numbers, errors, least = held, np.hypot(errors, held - numbers), least_held
     whole_rise, period, start, duration = map(float, numbers)
@@ -246,7 +237,7 @@ def _errors(jacobian: Float[np.ndarray, "n p"], free: Bool[np.ndarray, " p"]) ->
 
 def _explains(least: float, freedom: int, noise: float, voltage: float) -> bool:
     """Whether straight flanks explain the samples to within their noise."""
-    return math.sqrt(least / max(freedom, 1)) * noise < _LARGEST_MISFIT * noise + 2e-4 * abs(voltage)
+    return math.sqrt(least / max(freedom, 1)) * noise < 1.5 * noise + 2e-4 * abs(voltage)
 
 
 def _count_on_flank(passed: Samples) -> int:

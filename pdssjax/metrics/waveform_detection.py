@@ -15,7 +15,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from .sensor_samples import flicker_of, scatter_between_corners
 from .sharpened_flanks import widened
@@ -36,9 +35,6 @@ _SAME = 2e-5
 
 _HELD = 0.03
 """Least duration of the voltage at which a record begins, as a fraction of the record, if it was held before."""
-
-_SURELY = 0.85
-"""Least share of the samples of a rest at its level."""
 
 _FLICKERS = 1.5
 """Least distance of a voltage from a level that it has left, in multiples of its flicker."""
@@ -203,7 +199,7 @@ def _rest(time: Samples, volts: Samples, extent: float) -> _Rest | None:
     if abs(drift) > 0.3 * ahead and ahead > 0:
         return None
     # The last samples may be on their way already, within the noise.
-    surely = quiet[: max(round(_SURELY * leaves), _REST - 1)]
+    surely = quiet[: max(round(0.85 * leaves), _REST - 1)]
     return _Rest(float(time[leaves - 1]), float(np.mean(surely)), surely.size)
 
 
@@ -234,7 +230,7 @@ _SAMPLES = 3
 """Fewest samples between the first and the last of `_SHARES`: with fewer a corner looks like a bend."""
 
 
-def rounding_of(time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], waveform: Waveform) -> float:
+def rounding_of(time: Samples, volts: Samples, waveform: Waveform) -> float:
     """How much longer a fast flank takes for its second half than for its first one, by the median of all flanks.
 
     1 of a straight line, ln 5 / ln 1.8 = 2.7 behind an amplifier of first order; NaN of other waveforms and of flanks
