@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     import pandas
 
 
-WORSE_SIGMAS = 2.0
-"""Standard errors from which a difference is significant."""
-
-
 class Difference(NamedTuple):
     """By how much one model predicts held-out samples better than another."""
 
@@ -36,7 +32,7 @@ class Difference(NamedTuple):
     @property
     def is_significant(self) -> bool:
         """Two standard errors and more, and it matters."""
-        return abs(self.sigmas) >= WORSE_SIGMAS and self.matters
+        return abs(self.sigmas) >= 2.0 and self.matters
 
 
 @equal_by_value
@@ -82,6 +78,21 @@ class FittedCandidate:
     """Parts were held out: nothing is left to be done."""
     seconds: float = 0.0
     """Time that it took [s]."""
+
+    @property
+    def has_optimum(self) -> bool:
+        """Whether a fit ended where the likelihood has a value."""
+        return not self.failure and bool(np.isfinite(self.deviance))
+
+    @property
+    def optimum(self) -> dict[str, float]:
+        """The free parameters [SI] by path."""
+        return {path: self.values[path] for path in self.free}
+
+    @property
+    def aic(self) -> float:
+        """Deviance and twice the number of free parameters; infinite where there is no fit."""
+        return self.deviance + 2.0 * len(self.free) if self.has_optimum else np.inf
 
 
 class RecordNoise(NamedTuple):

@@ -29,9 +29,6 @@ SLICES = 5
 """Slices of each part of a record that does not repeat: the part is spread over the record, so that what is left tells
 the parameters, and each slice is long beside what the samples next to it tell of its noise."""
 
-BLOCK_SAMPLES = 20
-"""Samples of a block, about; a record of fewer than two blocks is not cut."""
-
 MAX_CHI2_RISE = 0.5
 """Chi-square by which the samples that were left may fare worse after a step that is believed: a fit without the part
 would lower theirs, by what a parameter gains by chance or more."""
@@ -39,9 +36,6 @@ would lower theirs, by what a parameter gains by chance or more."""
 MIN_INFORMATION_SHARE = 1e-4
 """Share of the information on a direction that has to be left without a part; with less of it the direction stays
 where all samples have it."""
-
-REFIT_ITERATIONS = 20
-"""Linearisations of a fit without a part, which begins near its optimum."""
 
 
 class Part(NamedTuple):
@@ -73,7 +67,7 @@ def parts_of(study: Study) -> tuple[Part, ...]:
 def _blocks(record: Record) -> list[Bool[np.ndarray, " samples"]]:
     """Blocks of time of a record: its cycles, some together, or slices that are spread over it."""
     frequency, time = cycles_a_second(record), record.time
-    most = min(BLOCKS, time.size // BLOCK_SAMPLES)
+    most = min(BLOCKS, time.size // 20)
     if most < 2:
         return []
     if frequency is not None and np.ptp(time) * frequency >= FEWEST_CYCLES - 0.5:
@@ -151,7 +145,7 @@ class _Optimum(NamedTuple):
         used = [np.ones(record.time.size, bool) for record in self.problem.records]
         used[self.places[part.record]] = ~part.rows
         every = np.ones(len(used), bool)
-        fit = fit_phase(self.problem.fitted_to(used), self.free, every, self.moved, "all", quiet, REFIT_ITERATIONS)
+        fit = fit_phase(self.problem.fitted_to(used), self.free, every, self.moved, "all", quiet, 20)
         return np.asarray(fit.free), True
 
     def _chi2(self, free: Float[np.ndarray, " p"], part: Part) -> float:
@@ -177,10 +171,9 @@ class _Optimum(NamedTuple):
 
 def _at_optimum(study: Study, fitted: FittedCandidate) -> _Optimum:
     """The problem of a `study` where its model was `fitted`, with the noise that was found there."""
-    values = {path: fitted.values[path] for path in fitted.free}
-    problem, _ = pose_problem(study.with_starts(values))
+    problem, _ = pose_problem(study.with_starts(fitted.optimum))
     problem = problem._replace(noise=np.array([fitted.noise[record.name] for record in problem.records]))
-    free = np.clip(problem.encode(values), *problem.bounds)
+    free = np.clip(problem.encode(fitted.optimum), *problem.bounds)
     state = evaluated(problem, free, quiet).state
     jacobian = np.asarray(state.jacobian)
     # A range that follows from where a fit starts is another one here: the fit knows what it ended at.

@@ -216,10 +216,6 @@ def effector_at(system: StickSlip, x: StickSlipState[Float[Array, " m"]]) -> Flo
     return y - x.d
 
 
-_EARLY = 1e-9
-"""A step that begins this part of a period before a cycle opens belongs to that cycle."""
-
-
 def sampled_states(course: Course, phases: Float[Array, " phases"], cycles: int) -> SampledStates:
     """The states at `phases` [s] of each of the first `cycles` cycles, one after the other."""
     period = timing(course.system.drive).period
@@ -262,7 +258,8 @@ def steps_within(course: Course) -> tuple[Bool[Array, " room"], Count]:
     """Which steps belong to the cycles, and to how many: of a motion that repeats its last period is there once."""
     run, period = course.run, timing(course.system.drive).period
     begins = jax.lax.stop_gradient(run.steps.origin + run.steps.t_local)
-    opening = jnp.where(run.repeats, run.steps.origin[run.period], course.begin) - _EARLY * period
+    # A step that begins this part of a period before a cycle opens belongs to that cycle.
+    opening = jnp.where(run.repeats, run.steps.origin[run.period], course.begin) - 1e-9 * period
     cycles = jnp.where(run.repeats, 1, course.span)
     real = jnp.arange(begins.shape[0]) < run.count
     return real & (begins >= opening) & (begins < opening + cycles * period), cycles
@@ -351,7 +348,11 @@ class Steady(AbstractCycle):
         return lax.stop_gradient(_orbit(lax.stop_gradient(system), FINE))
 
     def course(self, system: StickSlip, opening: Opening) -> Course:
-        return _course(system, opening, FINE)
+        when, again = timing(system.drive), restarted(system, opening.x)
+        span = jnp.where(opening.repeats > 0, opening.repeats, PERIODS)
+        run = integrate_steps(again, span * when.period + when.phases[-1], FINE)
+        failure = jnp.where(opening.failure > 0, opening.failure, run.failure)
+        return Course(system, again, run, jnp.zeros(()), span, PERIODS, failure)
 
     def moved_opening(
         self,
@@ -363,14 +364,6 @@ class Steady(AbstractCycle):
         """(I - M)^-1 dP/dp, without what nothing depends on; NaN where Newton's method found no orbit."""
         moved = moved_orbit(system, monodromy, driven)
         return jnp.where(jnp.isfinite(opening.multiplier), moved, jnp.nan)
-
-
-def _course(system: StickSlip, opening: Opening, accuracy: Accuracy) -> Course:
-    when, again = timing(system.drive), restarted(system, opening.x)
-    span = jnp.where(opening.repeats > 0, opening.repeats, PERIODS)
-    run = integrate_steps(again, span * when.period + when.phases[-1], accuracy)
-    failure = jnp.where(opening.failure > 0, opening.failure, run.failure)
-    return Course(system, again, run, jnp.zeros(()), span, PERIODS, failure)
 
 
 def _orbit(system: StickSlip, accuracy: Accuracy) -> Opening:

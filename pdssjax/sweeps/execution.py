@@ -135,9 +135,6 @@ def _value_text(value: object) -> str:
 Block: TypeAlias = Float[np.ndarray, "lanes columns"]
 """Results at the points of a block: the metrics, then the failure, one row a point."""
 
-_IN_FLIGHT = 64
-"""Blocks that an executor holds at most whose number of workers is not known."""
-
 
 def run_blocks(
     function: PointFunction,
@@ -173,7 +170,7 @@ def run_blocks(
             raise BrokenExecutor(f"block {number} was cancelled") from error
 
     most = getattr(executor, "_max_workers", None)
-    room = in_flight or (2 * most if isinstance(most, int) else _IN_FLIGHT)
+    room = in_flight or (2 * most if isinstance(most, int) else 64)
     with contextlib.closing(_completed(submit, iter(numbers), room)) as done:
         for number, future in done:
             yield number, functools.partial(result, number, future)

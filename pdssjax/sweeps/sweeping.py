@@ -236,12 +236,22 @@ def labelled(planned: PlannedSweep, found: Float[np.ndarray, "points columns"]) 
     meanings = "; ".join(f"{i}: {sentence or 'none'}" for i, sentence in enumerate(POINT_FAILURES))
     failure = found[:, -1].astype(np.int8).reshape(shape)
     data["failure"] = (names, failure, {"long_name": "why a point has no value", "meanings": meanings})
+    # The numbers about which the points scatter, as far as they are known, and how far.
+    scattered: dict[str, UsedNumber] = {}
+    for path, (about, error) in points.scattered().items():
+        listed = planned.study.parameters.get(path)
+        known = None if listed is None else listed.number
+        number = known if about is None else about
+        if number is not None:
+            source = listed.origin if listed is not None and number == known else "given"
+            unit = planned.declared[path].unit
+            scattered[path] = {"value": number, "unit": unit, "source": source, "standard_error": error}
     attributes = {
         "title": planned.study.title,
         "record": base.name,
         "cycles": function.cycle.described,
         "drive": type(base.drive).__name__,
-        "parameters": json.dumps({**planned.used, **_scattered(planned)}),
+        "parameters": json.dumps({**planned.used, **scattered}),
     }
     of_drive = {
         f"drive.{field.name}": float(getattr(base.drive, field.name))
@@ -251,17 +261,3 @@ def labelled(planned: PlannedSweep, found: Float[np.ndarray, "points columns"]) 
     # What the study says of its drives is what was run with, not the record's own defaults.
     held = of_drive | {path: told["value"] for path, told in planned.used.items()}
     return xarray.Dataset(data, coordinates_of(points, planned.declared), attributes | held)
-
-
-def _scattered(planned: PlannedSweep) -> dict[str, UsedNumber]:
-    """The numbers about which the points scatter, by path, as far as they are known, and how far."""
-    told: dict[str, UsedNumber] = {}
-    for path, (about, error) in planned.points.scattered().items():
-        listed = planned.study.parameters.get(path)
-        known = None if listed is None else listed.number
-        number = known if about is None else about
-        if number is not None:
-            source = listed.origin if listed is not None and number == known else "given"
-            unit = planned.declared[path].unit
-            told[path] = {"value": number, "unit": unit, "source": source, "standard_error": error}
-    return told
