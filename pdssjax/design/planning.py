@@ -27,8 +27,7 @@ from .information import check_seen, inverse_of, least_squares_errors, unseen_co
 from .plan import Errors, Knowledge, Plan, PlannedRecord, knowledge_of, prior_information
 from .refinement import Pair, Refinement, refined
 from .sampling import Schedule, contact_schedules, possible_schedules
-from .sensitivities import Simulation
-from .survey import Point, Survey
+from .survey import Point, Simulation, Survey
 
 DRAWS = 4
 """Sets of parameters over which a plan is judged, unless asked otherwise."""
@@ -220,8 +219,8 @@ class _Planning:
             return None
         drives = [r.drive for r in self.study.records if r.drive is not None and r.drive.flanks() is not None]
         drive = (drives or [Sawtooth()])[0].with_peak_voltage()
-        numbers = dict(zip(("voltage", "frequency"), self.aim.speed_at, strict=True))
-        return Experiment("effector", drive.with_numbers(numbers), None, ())
+        voltage, frequency = self.aim.speed_at
+        return Experiment("effector", drive.with_numbers({"voltage": voltage, "frequency": frequency}), None, ())
 
     @functools.cached_property
     def survey(self) -> Survey:
