@@ -11,7 +11,7 @@ from ...actuator import Actuator, Sensor
 from ...core import Scalar, ScalarLike
 from ...integration import N, Term
 from ._stick_slip_state import StickSlipState
-from ._stop_contact import push_on_stop
+from ._sticking import push_on_stop
 
 
 class SensedMotion(NamedTuple):

@@ -11,7 +11,7 @@ it (`exact`).
 
 The field is smooth while v keeps its sign.  At v = 0 the force may jump from F(-) to F(+): a set-valued law (Coulomb)
 and the switching parameters of (5.22) are both of this shape.  There the contact sticks, or v takes a sign
-(`_sticking`).  Laws, piezos, amplifiers and the stop (`_stop_contact`) add guards of their own.
+(`_sticking`).  Laws, piezos, amplifiers and the stop add guards of their own.
 `_sensed_motion` has the sensor's state, `_settling` what is left where nothing moves but the creeping platform.
 """
 
@@ -27,8 +27,14 @@ from ...integration import SETTLED, AbstractHybridSystem, Term, constant, weight
 from ._sensed_motion import SensedMotion
 from ._settling import is_settled, project_to_steady, slowest_frequency
 from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState, kind
-from ._sticking import mode_from_rest, sticking_force, sticking_margins
-from ._stop_contact import external_force, push_on_stop, stop_guards
+from ._sticking import (
+    external_force,
+    mode_from_rest,
+    push_on_stop,
+    sticking_force,
+    sticking_margins,
+    stop_guards,
+)
 
 _NO_JUMP = 3e-16
 """Displacement [m] that a jump of the velocity brings about in a time constant if it is rounding."""
