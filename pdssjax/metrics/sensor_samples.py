@@ -121,11 +121,12 @@ def clipped(values: Samples, voltage: Samples | None = None) -> dict[str, int]:
     for end, level in (("highest", values.max()), ("lowest", values.min())):
         long = (levels == level) & (lengths >= least)
         counts = bool(long[1:-1].any())
-        for run in {0, lengths.size - 1} if voltage is not None else ():
-            # The voltage goes on in the middle half of the run.
-            quarter = lengths[run] // 4
-            middle = slice(ends[run] - lengths[run] + quarter, ends[run] - quarter)
-            counts |= bool(long[run] and np.ptp(voltage[middle]) > 0.1 * np.ptp(voltage))
+        if voltage is not None:
+            for run in {0, lengths.size - 1}:
+                # The voltage goes on in the middle half of the run.
+                quarter = lengths[run] // 4
+                middle = slice(ends[run] - lengths[run] + quarter, ends[run] - quarter)
+                counts |= bool(long[run] and np.ptp(voltage[middle]) > 0.1 * np.ptp(voltage))
         if counts:
             found[end] = int(np.sum(lengths[long]))
     return found

@@ -121,7 +121,7 @@ def sharpened_sawtooth(
     whole_rise, period, start, duration = map(float, numbers)
     voltage = whole_rise * (1.0 - duration / period)
     flanks = round((time[-1] - time[0]) / period)
-    told = max(errors[2:]) < _LOCATED * interval and _explains(least, np.count_nonzero(near) - 4, noise, voltage)
+    told = max(errors[2:]) < _LOCATED * interval and _explains(least, int(near.sum()) - 4, noise, voltage)
     if not told or _count_on_flank(np.mod(time - start, period) / duration) < max(1, flanks // 4):
         return None
     of_voltage, _, of_start, of_duration = map(float, errors)
@@ -179,7 +179,7 @@ def _least_squares(
     least, free = float(np.min(costs)), low < high
     minima: list[tuple[float, np.ndarray, np.ndarray]] = []
     for place in np.argsort(costs, kind="stable"):
-        above, numbers = costs[place] - least, ends[place]
+        above, numbers = float(costs[place]) - least, ends[place]
         if above > _AVERAGED_EXCESS:
             break
         if not any(np.all(np.abs(numbers - other) <= errors) for _, other, errors in minima):

@@ -141,8 +141,11 @@ def fit_all(
     own = [c for c in candidates if c.is_own]
     near = neighbours(candidates) | dict.fromkeys(c.name for c in own)
 
+    def lost(candidate: Candidate, why: str) -> Answer:
+        return failed(candidate, why), None
+
     with workers(executor, len(open_ones())) as submit:
-        run = functools.partial(gathered, submit, keep, lambda candidate, why: (failed(candidate, why), None))
+        run = functools.partial(gathered, submit, keep, lost)
 
         def from_right_or_neighbour(candidate: Candidate) -> Task | None:
             before = own if own_is_right else [*own, *(c for c in candidates if len(c.free) < len(candidate.free))]

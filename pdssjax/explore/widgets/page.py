@@ -2,7 +2,6 @@
 
 import html
 import time
-from pathlib import Path
 
 import panel as pn
 
@@ -60,13 +59,15 @@ class Page:
             "", margin=(2, 0), width=372, styles=MESSAGE | {"color": "#b03a00"}, css_classes=["said"]
         )
         knobs = parameter_knobs(self._study)
-        self._parameters = ControlGroup(knobs, [], self._settings.values, self._change_parameter, self._say)
+        change = lambda path, number: self._change(self._settings.with_values({path: number}))
+        self._parameters = ControlGroup(knobs, [], self._settings.values, change, self._say)
         self._drive_place = pn.Column(margin=0)
         self._estimate = EstimateTab()
         self._scores_table = ScoreTable(self._study.records)
         self._fit = FitBox(self._study, lambda: self._settings, self._fitted, self._thread)
         self._sweep = SweepPage(self._bench, lambda: self._settings, lambda: self._record.name, self._thread)
-        self._save = SaveBox(self._bench.free_path(), self._save_to)
+        save = lambda target, overwrite: self._bench.save(self._settings, target, overwrite)
+        self._save = SaveBox(self._bench.free_path(), save)
         self._record_place, self._contact_place = _place(), _place()
         if self._bench.estimate is not None:
             self._estimate.show(self._bench.estimate)
@@ -136,12 +137,8 @@ class Page:
 
     # Changes of numbers
 
-    def _change_parameter(self, path: str, number: float) -> None:
-        self._settings = self._settings.with_values({path: number})
-        self._ask_redraw()
-
-    def _change_drive(self, path: str, number: float) -> None:
-        self._settings = self._settings.with_drive(self._record.name, path, number)
+    def _change(self, settings: Settings) -> None:
+        self._settings = settings
         self._ask_redraw()
 
     def _move_to(self, settings: Settings) -> None:
@@ -156,7 +153,8 @@ class Page:
         record, title = self._record, "drive of this record"
         knobs, words = drive_knobs(self._study, record), drive_choices(record)
         numbers = self._settings.drives[record.name]
-        group = ControlGroup(knobs, words, numbers, self._change_drive, self._say, title)
+        change = lambda path, number: self._change(self._settings.with_drive(record.name, path, number))
+        group = ControlGroup(knobs, words, numbers, change, self._say, title)
         self._drive_place.objects = [group.view]
 
     @in_order
@@ -305,9 +303,6 @@ class Page:
         self._estimate.show(result.estimate)
         values = {path: parameter.value for path, parameter in result.estimate.parameters.items()}
         self._move_to(self._settings.with_values(values))
-
-    def _save_to(self, target: Path, overwrite: bool) -> Path:
-        return self._bench.save(self._settings, target, overwrite)
 
 
 def _place() -> Widget:
