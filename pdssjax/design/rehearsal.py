@@ -58,7 +58,7 @@ def rehearse(plan: Plan, seed: int = 0, progress: Callable[[str], None] | None =
     planned = [each.record(rig) for each in plan.records]
     study = dataclasses.replace(rig, records=(*so_far, *planned))
     report("making the records on the virtual rig")
-    made = [_coloured(plan, recording, seed) for recording in make_recordings(study, seed)]
+    made = [_with_coloured_noise(plan, recording, seed) for recording in make_recordings(study, seed)]
     # What is free, but for what was measured apart, starts nowhere.
     parameters = {
         path: p if not p.free or p.standard_error is not None else dataclasses.replace(p, start=None)
@@ -70,7 +70,7 @@ def rehearse(plan: Plan, seed: int = 0, progress: Callable[[str], None] | None =
     return Rehearsal(tuple(made), estimate, promised)
 
 
-def _coloured(plan: Plan, recording: Recording, seed: int) -> Recording:
+def _with_coloured_noise(plan: Plan, recording: Recording, seed: int) -> Recording:
     """The recording with the coloured noise that the plan counts with, where that is coloured."""
     record = recording.record
     correlation_time = plan.limits.correlation_time.get(record.measures, 0.0)

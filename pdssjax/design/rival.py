@@ -63,7 +63,7 @@ def fitted_rival(
         values = (knowledge_of(knowledge) if isinstance(knowledge, Estimate) else knowledge).values
     records = [record for record in study.records if record.role == "fit" and np.any(record.measured)]
     if not records:
-        records = _made(study.with_values(values) if values else study, limits or Limits())
+        records = _simulated_records(study.with_values(values) if values else study, limits or Limits())
     estimate = identify(
         dataclasses.replace(starting_near(rival, values), records=tuple(records)),
         effort=effort_of("quick")._replace(compares=False),
@@ -75,7 +75,7 @@ def fitted_rival(
     return rival.study.with_starts({path: found.values[path] for path in rival.free}), found
 
 
-def _made(study: Study, limits: Limits) -> list[Record]:
+def _simulated_records(study: Study, limits: Limits) -> list[Record]:
     """A few records of the study's own law, with noise and zeros."""
     complete = completed_limits(study, limits, {})
     # The first and the last of each kind, waveform and direction: least and greatest voltage and frequency.

@@ -292,7 +292,7 @@ def noise_in_time(values: Samples, time: Samples, freedom: float) -> NoiseInTime
     judge = lambda numbers: _deviances(gaps, scaled, numbers)
     price = 2.0 * np.log(np.log(max(freedom, 3.0)))
     for turns in ((0.0,), (1.0, 3.0, 9.0)):
-        numbers = _lowest(judge, float(np.median(np.diff(time))), float(np.ptp(time)), turns)
+        numbers = _minimise_deviance(judge, float(np.median(np.diff(time))), float(np.ptp(time)), turns)
         deviance, level = (float(found[0]) for found in judge(np.tile(numbers, (3**3, 1))))
         odds, duration, turn = map(float, numbers)
         found = NoiseInTime(size * grown * level, odds / (1.0 + odds), duration, turn / duration, -deviance / part)
@@ -301,7 +301,7 @@ def noise_in_time(values: Samples, time: Samples, freedom: float) -> NoiseInTime
     return best
 
 
-def _lowest(
+def _minimise_deviance(
     judge: Callable[[Float[np.ndarray, "m 3"]], tuple[Float[Array, " m"], Float[Array, " m"]]],
     shortest: float,
     longest: float,

@@ -103,7 +103,7 @@ def guess_record(
         leaves = float(np.std(left) / (np.ptp(motion) or 1.0))
         seen = measures or _measured_part(waveform, explained, _has_net_step(time, motion, volts, waveform), where)
         if seen == "platform" and waveform.name == "sine" and waveform.begins == "running":
-            waveform = _started_with_record(time, motion, waveform)
+            waveform = _start_with_record(time, motion, waveform)
     if volts is None:
         against = False
     elif seen == "effector" and waveform.has_fast_flanks:
@@ -186,7 +186,7 @@ def _has_net_step(time: Samples, motion: Samples, volts: Samples, waveform: Wave
     return bool(np.median(np.abs(steps - np.median(steps))) < 0.3 * abs(np.median(steps)))
 
 
-def _started_with_record(time: Samples, motion: Samples, waveform: Waveform) -> Waveform:
+def _start_with_record(time: Samples, motion: Samples, waveform: Waveform) -> Waveform:
     """Let a sine start with the record, at its phase there, if the motion shows that it did not run before.
 
     Then the first samples are unlike those a cycle later, which are like those of the next cycle.

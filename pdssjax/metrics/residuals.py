@@ -120,11 +120,11 @@ def lack_of_fit(residual: Samples, time: Samples, frequency: float) -> LackOfFit
     # Independent samples a sample, by the noise of a cycle.
     noise = noise_at(time, split.rest, float(np.sum(np.isfinite(split.rest))), split.sizes.size // 2)
     independent = noise.independent(time[: split.sizes.size])
-    sigmas = _sigmas(between, within, (phases - 1) * independent, (samples - phases) * independent)
+    sigmas = _normal_deviate(between, within, (phases - 1) * independent, (samples - phases) * independent)
     return LackOfFit(float(np.sqrt(within)), float(np.sqrt(misfit)), sigmas)
 
 
-def _sigmas(between: float, within: float, above: float, below: float) -> float:
+def _normal_deviate(between: float, within: float, above: float, below: float) -> float:
     """Express a ratio of mean squares as a normal deviate (E. Paulson, Ann. Math. Statist. 13, 1942)."""
     if within <= 0.0:
         return float("inf") if between > 0.0 else 0.0

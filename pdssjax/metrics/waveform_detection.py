@@ -55,13 +55,13 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
     if high == low:
         raise ValueError(f"found {low:g} V in all {volts.size} samples, expected a voltage that changes")
     turned = -1.0 if abs(low) > abs(high) + AT_ZERO * (high - low) else 1.0
-    found = _turned(_detect(time, turned * volts), turned)
+    found = _restore_sign(_detect(time, turned * volts), turned)
     if found.name != "sampled":
         return dataclasses.replace(found, counted_from=0.0)
-    counted, (level, turned, samples) = found, _level(time, volts, turned)
+    counted, (level, turned, samples) = found, _reference_level(time, volts, turned)
     # Noise widens the range of a voltage, and what is laid over it tells the level better.
     for _ in range(_LEVELS):
-        counted = _turned(_detect(time, turned * (volts - level)), turned)
+        counted = _restore_sign(_detect(time, turned * (volts - level)), turned)
         if counted.name == "sampled":
             return found
         if counted.begins == "seen" or abs(counted.counted_from) < _SAME * (high - low):
@@ -76,13 +76,13 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
     return dataclasses.replace(counted, counted_from=level)
 
 
-def _turned(found: Waveform, turned: float) -> Waveform:
+def _restore_sign(found: Waveform, turned: float) -> Waveform:
     """`found` in a voltage that was `turned` round, where that is -1, as it was recorded."""
     back = {field: turned * number for field, number in found.numbers.items() if field in ("voltage", "bias")}
     return dataclasses.replace(found, numbers=found.numbers | back)
 
 
-def _level(time: Samples, volts: Samples, turned: float) -> tuple[float, float, int]:
+def _reference_level(time: Samples, volts: Samples, turned: float) -> tuple[float, float, int]:
     """The level that a voltage is to be counted from [V], and whether it goes up from there, 1, or down, -1.
 
     And of how many samples that is the mean, 0 where it is an end of the range.

@@ -294,7 +294,7 @@ def _place_waveform(
     """
     of_frequency = 0.0
     if margin == 0.0:
-        start, period, of_frequency = _refined(time, volts, period, start, shape)
+        start, period, of_frequency = _refine_timing(time, volts, period, start, shape)
     phase = np.mod((time - start) / period, 1.0)
     apart = lambda place: np.abs(np.mod(phase - place + 0.5, 1.0) - 0.5)
     kept = (apart(0.0) >= margin) & (apart(edge) >= margin) & (time >= start)
@@ -313,7 +313,7 @@ def _place_waveform(
     )  # fmt: skip
 
 
-def _refined(
+def _refine_timing(
     time: Samples, volts: Samples, period: float, start: float, shape: Callable[[Samples], Samples]
 ) -> tuple[float, float, float]:
     """Start and period of a waveform without jumps, by two steps of Gauss and Newton; the period's relative error."""

@@ -239,11 +239,11 @@ def fit_candidate(task: Task) -> Answer:
     """
     own, near = task.candidate.study, task.near
     if near is None:
-        return _fit_as_long_as_close(task, own, STUDY)
-    first = _fit_as_long_as_close(task, starting_near(task.candidate, near.optimum), near.name)
+        return _fit_while_close(task, own, STUDY)
+    first = _fit_while_close(task, starting_near(task.candidate, near.optimum), near.name)
     if first[0].deviance <= near.deviance + NO_BETTER or np.isfinite(task.best):
         return first
-    return _better(first, _fit_once(task, own, STUDY, FIRST))
+    return _lower_deviance(first, _fit_once(task, own, STUDY, FIRST))
 
 
 @_timed
@@ -251,7 +251,7 @@ def compare_starts(task: Task) -> Answer:
     """Fit a candidate from the study's own starts, compared with other starts where that is poor."""
     estimate = identify(task.candidate.study, effort=task.effort, progress=quiet)
     assert task.earlier is not None
-    found = _better((task.earlier, None), _answer_of(task, estimate, STUDY))
+    found = _lower_deviance((task.earlier, None), _answer_of(task, estimate, STUDY))
     return dataclasses.replace(found[0], compared=True), found[1]
 
 
@@ -267,11 +267,11 @@ def finish(task: Task) -> Answer:
     if task.near is not None:
         begun = dataclasses.replace(task.candidate, study=_starting_where_it_ended(task.candidate, found[0]))
         near = starting_near(begun, task.near.optimum)
-        found = _better(found, _fit_as_long_as_close(task, near, task.near.name))
+        found = _lower_deviance(found, _fit_while_close(task, near, task.near.name))
     is_close = found[0].aic <= task.most
     if is_close and not found[0].converged:
         reached = _starting_where_it_ended(task.candidate, found[0])
-        found = _better(found, _fit_once(task, reached, found[0].start))
+        found = _lower_deviance(found, _fit_once(task, reached, found[0].start))
     fitted, estimate = found
     if not fitted.has_optimum:
         return failed(task.candidate, f"the fit has no end: {fitted.message}"), estimate
@@ -295,7 +295,7 @@ def _starting_where_it_ended(candidate: Candidate, fitted: FittedCandidate) -> S
     return starting_near(candidate, fitted.optimum) if fitted.has_optimum else candidate.study
 
 
-def _fit_as_long_as_close(task: Task, study: Study, start: str) -> Answer:
+def _fit_while_close(task: Task, study: Study, start: str) -> Answer:
     """The first fit of a `study`, broken off where it leaves much more than the best model."""
     if not np.isfinite(task.best):
         return _fit_once(task, study, start, FIRST)
@@ -303,7 +303,7 @@ def _fit_as_long_as_close(task: Task, study: Study, start: str) -> Answer:
     if first[0].converged or first[0].aic > task.most:
         return first
     reached = _starting_where_it_ended(task.candidate, first[0])
-    return _better(first, _fit_once(task, reached, start, FIRST - EARLY))
+    return _lower_deviance(first, _fit_once(task, reached, start, FIRST - EARLY))
 
 
 def _fit_once(task: Task, study: Study, start: str, most: int | None = None) -> Answer:
@@ -320,7 +320,7 @@ def _answer_of(task: Task, estimate: Estimate, start: str) -> Answer:
     return fitted_candidate(task.candidate, estimate, start), estimate
 
 
-def _better(one: Answer, other: Answer) -> Answer:
+def _lower_deviance(one: Answer, other: Answer) -> Answer:
     """The fit of the lower deviance, the first where they are equal."""
     return other if other[0].aic < one[0].aic - 1e-3 * NO_BETTER else one
 

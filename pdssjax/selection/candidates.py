@@ -79,17 +79,17 @@ def candidates_of(
     law, others = member_name(study.friction), _readings(study.friction)[1:]
     law += f":{study.friction_state}" if study.friction_state in others else ""
     own = (member_name(study.piezo), law, study.feedback)
-    laws = _names(friction, "friction", own[1])
-    stacks = _names(piezo, "piezo", own[0])
+    laws = _checked_names(friction, "friction", own[1])
+    stacks = _checked_names(piezo, "piezo", own[0])
     readings = [own[2], *(bool(reading) for reading in feedback or ())]
     chosen = dict.fromkeys(itertools.product(stacks, laws, readings))
     if len(chosen) < 2:
         raise InputError(
-            f"{study.path or study.title}: found one model to compare ({_shown(own, (True, True, True))}), expected "
+            f"{study.path or study.title}: found one model to compare ({_label(own, (True, True, True))}), expected "
             "another friction law, piezo or reading of the feedback beside the study's own."
         )
     differs = tuple(len({choice[part] for choice in chosen}) > 1 for part in range(3))
-    found = [_candidate(study, *choice, _shown(choice, differs)) for choice in chosen]
+    found = [_candidate(study, *choice, _label(choice, differs)) for choice in chosen]
     return tuple(sorted(found, key=lambda candidate: (len(candidate.free), candidate.name)))
 
 
@@ -98,7 +98,7 @@ def _readings(law: type) -> tuple[str, ...]:
     return _STATES if hasattr(law, "state") else ()
 
 
-def _names(given: Iterable[str] | None, family: str, own: str) -> list[str]:
+def _checked_names(given: Iterable[str] | None, family: str, own: str) -> list[str]:
     """The names that are `given`, checked, the study's `own` first."""
     if isinstance(given, str):
         raise InputError(f'{family}: found the text "{given}", expected a list of names such as ["{own}"].')
@@ -134,7 +134,7 @@ def _check_name(family: str, name: object) -> None:
             ) from error
 
 
-def _shown(choice: tuple[str, str, bool], parts: Sequence[bool]) -> str:
+def _label(choice: tuple[str, str, bool], parts: Sequence[bool]) -> str:
     stack, law, feedback = choice
     words = stack, law, "feedback" if feedback else "no feedback"
     return ", ".join(word for word, part in zip(words, parts, strict=True) if part) or law
@@ -199,13 +199,13 @@ def neighbours(candidates: Sequence[Candidate]) -> dict[str, str | None]:
     out: dict[str, str | None] = {}
     possible = [candidate for candidate in candidates if not candidate.refused]
     for place, candidate in enumerate(possible):
-        shared = {other.name: _shared(candidate, other) for other in possible[:place]}
+        shared = {other.name: _count_shared(candidate, other) for other in possible[:place]}
         most = max(shared.values(), default=0)
         out[candidate.name] = next(name for name, count in shared.items() if count == most) if most else None
     return out
 
 
-def _shared(candidate: Candidate, other: Candidate) -> int:
+def _count_shared(candidate: Candidate, other: Candidate) -> int:
     """How many of a candidate's free parameters begin where those of the `other` end; a shared model counts, too."""
     mine, theirs = candidate.study, other.study
     same = sum((mine.piezo is theirs.piezo, mine.friction is theirs.friction, mine.feedback == theirs.feedback))

@@ -23,7 +23,7 @@ from .candidate_fits import CandidateStore, fit_all
 from .candidates import Candidate, candidates_of
 from .comparison import Comparison, DiscriminatingRecord, FittedCandidate, Misfit, Result
 from .held_out import Part, parts_of
-from .scores import CommonNoise, Scores, choose, common_noise, fitness, groups_of, scores_of
+from .scores import CommonNoise, choose, common_noise, fitness, groups_of, scores_of
 
 EFFORT = "quick"
 """Effort of each fit unless given: a law that is wrong is poor from every start, and would try them all."""
@@ -88,7 +88,21 @@ def judged(
     scores = scores_of(study.records, noises, parts, {name: fitted[name].held_out for name in good}, fits)
     chosen, best = choose(good, scores)
     groups = groups_of(good, chosen, best, scores)
-    results = _results(study, order, fitted, noises, scores, best, groups)
+    time_scores, record_scores = scores.only("time", "validation"), scores.only("record", "validation")
+    least = min(fit.criterion for fit in scores.fits.values())
+
+    def beside_best(name: str) -> Result:
+        if fitted[name].failure:
+            return Result(fitted[name])
+        return Result(
+            fitted[name],
+            time_scores.difference(best, name),
+            record_scores.difference(best, name) if record_scores.parts else None,
+            scores.fits[name].criterion - least,
+            next(number for number, group in enumerate(groups) if name in group),
+            None if name == best else misfit_beside(study, fitted[name], fitted[best], noises),
+        )
+
     telling = None
     if alike := [name for name in groups[0] if name != chosen]:
         other = best if best != chosen else max(alike, key=scores.total)
@@ -96,7 +110,7 @@ def judged(
         telling = most_discriminating_record((by_name[chosen], fitted[chosen]), (by_name[other], fitted[other]), noises)
     return Comparison(
         title=study.title,
-        results=results,
+        results=tuple(map(beside_best, order)),
         chosen=chosen,
         best=best,
         groups=tuple(map(tuple, groups)),
@@ -128,34 +142,6 @@ def _noises(study: Study, fitted: Sequence[FittedCandidate]) -> list[CommonNoise
         freedom = max(record.time.size - share - (record.offset is None), 1.0)
         out.append(common_noise(record, record.measured - residual, freedom))
     return out
-
-
-def _results(
-    study: Study,
-    order: Sequence[str],
-    fitted: Mapping[str, FittedCandidate],
-    noises: Sequence[CommonNoise],
-    scores: Scores,
-    best: str,
-    groups: Sequence[Sequence[str]],
-) -> tuple[Result, ...]:
-    """Every candidate beside the best one."""
-    time_scores, record_scores = scores.only("time", "validation"), scores.only("record", "validation")
-    least = min(fit.criterion for fit in scores.fits.values())
-
-    def beside_best(name: str) -> Result:
-        if fitted[name].failure:
-            return Result(fitted[name])
-        return Result(
-            fitted[name],
-            time_scores.difference(best, name),
-            record_scores.difference(best, name) if record_scores.parts else None,
-            scores.fits[name].criterion - least,
-            next(number for number, group in enumerate(groups) if name in group),
-            None if name == best else misfit_beside(study, fitted[name], fitted[best], noises),
-        )
-
-    return tuple(map(beside_best, order))
 
 
 def misfit_beside(
@@ -246,7 +232,7 @@ def most_discriminating_record(
     if not trials:
         return None
     motions = [_predicted(study, fitted, [trial.record for trial in trials]) for study, fitted in (first, second)]
-    sizes = [_sigmas(trial, a - b) for trial, a, b in zip(trials, *motions, strict=True)]
+    sizes = [_distance_in_sigmas(trial, a - b) for trial, a, b in zip(trials, *motions, strict=True)]
     place = int(np.argmax(sizes))
     if not sizes[place] > 0.0:
         return None
@@ -274,7 +260,7 @@ def _trials(records: Sequence[Record], noises: Sequence[CommonNoise]) -> list[_T
     out = []
     for record, noise in kinds.values():
         if record.drive is not None:
-            out += _driven(record, noise)
+            out += _drive_trials(record, noise)
         elif record.motion is not None and record.measurement.prescribed != "velocity":
             since = record.time - record.time[0]
             faster = [(dataclasses.replace(record, time=record.time[0] + since / speed), speed) for speed in SPEEDS]
@@ -282,7 +268,7 @@ def _trials(records: Sequence[Record], noises: Sequence[CommonNoise]) -> list[_T
     return out
 
 
-def _driven(record: Record, noise: CommonNoise) -> list[_Trial]:
+def _drive_trials(record: Record, noise: CommonNoise) -> list[_Trial]:
     """A drive that repeats, at other voltages and frequencies; none where it has no such numbers."""
     drive, frequency = record.drive, cycles_a_second(record)
     if drive is None or frequency is None or not {"voltage", "frequency"} <= set(drive.numbers()):
@@ -310,7 +296,7 @@ def _predicted(study: Study, fitted: FittedCandidate, records: Sequence[Record])
     return [np.asarray(motion) for motion in posed.predict()]
 
 
-def _sigmas(trial: _Trial, apart: Float[np.ndarray, " samples"]) -> float:
+def _distance_in_sigmas(trial: _Trial, apart: Float[np.ndarray, " samples"]) -> float:
     """How far two predictions are `apart`, in standard deviations of the noise; 0 where one of them failed."""
     if not np.isfinite(apart).all():
         return 0.0

@@ -94,7 +94,18 @@ def held_out(
     **Returns:** measured less predicted of the samples of each part, in the record's unit, NaN where the simulation
     failed, or the samples that were left do not tell the parameters; and for how many parts the model was fitted again.
     """
-    at = _at_optimum(study, fitted)
+    problem, _ = pose_problem(study.with_starts(fitted.optimum))
+    problem = problem._replace(noise=np.array([fitted.noise[record.name] for record in problem.records]))
+    free = np.clip(problem.encode(fitted.optimum), *problem.bounds)
+    state = evaluated(problem, free, quiet).state
+    jacobian = np.asarray(state.jacobian)
+    # A range that follows from where a fit starts is another one here: the fit knows what it ended at.
+    ended = np.array([path in fitted.at_bound for path in problem.residual.transform.paths])
+    moved = ~(ended | problem.residual.transform.at_bound(free)) & (np.linalg.norm(jacobian, axis=0) > 0.0)
+    basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zero_columns(problem, len(jacobian))]))
+    used = [place for place, record in enumerate(study.records) if record.role == "fit"]
+    places = dict(zip(used, range(len(used)), strict=True))
+    at = _Optimum(study, problem, free, np.asarray(state.residual), basis, spread, moved, places)
     out, refitted = [], 0
     for part in parts:
         free, again = (at.free, False) if part.kind == "validation" else at.without(part)
@@ -167,19 +178,3 @@ class _Optimum(NamedTuple):
         rest = record.measured - self.motions(free)[part.record]
         outside = ~part.rows if (~part.rows).any() else part.rows
         return (rest - _zero(record, rest[outside]))[part.rows]
-
-
-def _at_optimum(study: Study, fitted: FittedCandidate) -> _Optimum:
-    """The problem of a `study` where its model was `fitted`, with the noise that was found there."""
-    problem, _ = pose_problem(study.with_starts(fitted.optimum))
-    problem = problem._replace(noise=np.array([fitted.noise[record.name] for record in problem.records]))
-    free = np.clip(problem.encode(fitted.optimum), *problem.bounds)
-    state = evaluated(problem, free, quiet).state
-    jacobian = np.asarray(state.jacobian)
-    # A range that follows from where a fit starts is another one here: the fit knows what it ended at.
-    ended = np.array([path in fitted.at_bound for path in problem.residual.transform.paths])
-    moved = ~(ended | problem.residual.transform.at_bound(free)) & (np.linalg.norm(jacobian, axis=0) > 0.0)
-    basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zero_columns(problem, len(jacobian))]))
-    used = [place for place, record in enumerate(study.records) if record.role == "fit"]
-    places = dict(zip(used, range(len(used)), strict=True))
-    return _Optimum(study, problem, free, np.asarray(state.residual), basis, spread, moved, places)

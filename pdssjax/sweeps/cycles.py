@@ -329,7 +329,7 @@ class Steady(AbstractCycle):
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         when = timing(system.drive)
         cycles = integrate_cycles(system, when.period, when.phases, accuracy, TOLERANCE, _CYCLES)
-        return _measured(system, cycles, cycles.period, _ratio(cycles)), cycles.failure
+        return _mean_metrics(system, cycles, cycles.period, _ratio(cycles)), cycles.failure
 
     def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
         """The points that did not repeat; others that are not finite failed."""
@@ -340,7 +340,7 @@ class Steady(AbstractCycle):
         # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
         cycles = integrate_cycles(restarted(system, opening.x), when.period, when.phases, accuracy, 0.0, PERIODS + 1)
         decay = jnp.where(jnp.isfinite(opening.multiplier), opening.multiplier, _ratio(cycles))
-        measured = _measured(system, cycles, opening.repeats, decay)
+        measured = _mean_metrics(system, cycles, opening.repeats, decay)
         failure = jnp.where(cycles.failure > 0, cycles.failure, opening.failure)
         return measured, jnp.where((failure == 0) & (opening.grazing < GRAZES), GRAZING, failure)
 
@@ -373,7 +373,7 @@ def _orbit(system: StickSlip, accuracy: Accuracy) -> Opening:
     return Opening(found.x, found.period, found.multipliers[0], found.grazing, found.failure)
 
 
-def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -> Float[Array, " metrics"]:
+def _mean_metrics(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -> Float[Array, " metrics"]:
     """The metrics, in the mean over the cycles until the motion repeats, or over the last where it does not."""
     when = timing(system.drive)
     effector = jax.vmap(lambda x: effector_at(system, x))(cycles.x)

@@ -97,7 +97,7 @@ def peak_friction(course: Course) -> Scalar:
     Differentiable in all that the course is; where two peaks are equally high the derivative is that of one of them.
     """
     still = lax.stop_gradient(course)
-    slope_at = jax.grad(lambda part, step: _magnitude(still, step, part))
+    slope_at = jax.grad(lambda part, step: _friction_magnitude(still, step, part))
 
     def refined(step: Array, first: Scalar, last: Scalar) -> Scalar:
         """The part of the way through the step at which the peak lies; an end of it where the force rises to there."""
@@ -111,18 +111,18 @@ def peak_friction(course: Course) -> Scalar:
         low, high = lax.fori_loop(0, _HALVINGS, halved, (first, last))
         return jnp.where(high == last, high, jnp.where(low == first, low, 0.5 * (low + high)))
 
-    steps, lows, highs = _places(still)
+    steps, lows, highs = _peak_intervals(still)
     parts = jax.vmap(refined)(steps, lows, highs)
-    heights = jax.vmap(lambda step, part: _magnitude(still, step, part))(steps, parts)
+    heights = jax.vmap(lambda step, part: _friction_magnitude(still, step, part))(steps, parts)
     highest = jnp.argmax(jnp.where(jnp.isfinite(heights), heights, -jnp.inf))
-    return _magnitude(course, steps[highest], lax.stop_gradient(parts[highest]))
+    return _friction_magnitude(course, steps[highest], lax.stop_gradient(parts[highest]))
 
 
-def _places(course: Course) -> tuple[Array, Array, Array]:
+def _peak_intervals(course: Course) -> tuple[Array, Array, Array]:
     """Steps of the highest samples that exceed their neighbours in the same step, and the parts where these are."""
     inside, _ = steps_within(course)
     parts = jnp.linspace(0.0, 1.0, _PARTS + 1)
-    sampled = jax.vmap(lambda step: jax.vmap(lambda part: _magnitude(course, step, part))(parts))
+    sampled = jax.vmap(lambda step: jax.vmap(lambda part: _friction_magnitude(course, step, part))(parts))
     heights = sampled(jnp.arange(inside.shape[0]))
     known = jnp.where(inside[:, None] & jnp.isfinite(heights), heights, -jnp.inf)
     left = jnp.concatenate([jnp.full_like(known[:, :1], -jnp.inf), known[:, :-1]], axis=1)
@@ -132,7 +132,7 @@ def _places(course: Course) -> tuple[Array, Array, Array]:
     return step, parts[jnp.maximum(part - 1, 0)], parts[jnp.minimum(part + 1, _PARTS)]
 
 
-def _magnitude(course: Course, step: Array, part: Scalar) -> Scalar:
+def _friction_magnitude(course: Course, step: Array, part: Scalar) -> Scalar:
     """The magnitude of the friction force [N] `part` of the way through a step."""
     steps, following = (jax.tree.map(lambda column, i=i: column[i], course.run.steps) for i in (step, step + 1))
     moved = following.origin + following.t_local - steps.origin - steps.t_local

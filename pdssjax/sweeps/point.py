@@ -144,13 +144,9 @@ def compute_block(
     left = np.flatnonzero(function.cycle.unfinished(found[:, :-1]))
     for few in _batches(left):
         found[few] = np.column_stack(_results(_one_by_one, function, points[few]))
-    return _with_details(function, points, found) if function.further or function.by else found
-
-
-def _with_details(
-    function: PointFunction, points: Float[np.ndarray, "lanes paths"], found: Float[np.ndarray, "lanes columns"]
-) -> Float[np.ndarray, "lanes all_columns"]:
-    """The results `found`, with further metrics and derivatives before the failure."""
+    if not (function.further or function.by):
+        return found
+    # Further metrics and derivatives stand before the failure.
     details = np.full((len(points), len(function.columns) - len(function.cycle.metrics)), np.nan)
     # What fills up a block is its last point again, and need not be computed again.
     last = len(points) - int(np.argmin(np.append((points[::-1] == points[-1]).all(axis=1), False)))

@@ -47,11 +47,7 @@ class ControlRow:
             css_classes=["slider", f"slider-{marked}"],
         )
         self._field = pn.widgets.TextInput(
-            value=knob.text(number),
-            width=82,
-            margin=0,
-            stylesheets=[COMPACT],
-            css_classes=["field", f"field-{marked}"],
+            value=knob.text(number), width=82, margin=0, stylesheets=[COMPACT], css_classes=["field", f"field-{marked}"]
         )
         self._slider.param.watch(self._slid, "value")
         self._field.param.watch(self._typed, "value")
@@ -208,22 +204,14 @@ class SaveBox:
         """`save` writes a study to a path, over another where asked, and gives its whole path."""
         self._save, self._folder = save, suggested.parent
         self._path = pn.widgets.TextInput(
-            value=suggested.name,
-            width=182,
-            margin=(2, 6, 2, 0),
-            stylesheets=[LEFT],
-            css_classes=["save-path"],
+            value=suggested.name, width=182, margin=(2, 6, 2, 0), stylesheets=[LEFT], css_classes=["save-path"]
         )
         self._button = pn.widgets.Button(label="Save as study", height=28, margin=(2, 6), css_classes=["save"])
         self._replace = pn.widgets.Checkbox(
             label="replace", margin=(8, 0, 0, 0), width=68, css_classes=["save-replace"]
         )
         self._line = pn.pane.HTML(
-            f"in {html.escape(str(self._folder))}",
-            margin=0,
-            width=372,
-            styles=MESSAGE,
-            css_classes=["save-said"],
+            f"in {html.escape(str(self._folder))}", margin=0, width=372, styles=MESSAGE, css_classes=["save-said"]
         )
         self._button.on_click(lambda event: self._press())
         self.view: Widget = pn.Column(pn.Row(self._path, self._button, self._replace, margin=0), self._line, margin=0)

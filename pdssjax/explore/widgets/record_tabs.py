@@ -30,14 +30,12 @@ from .style import (
     second_axis,
 )
 
-Moved = Callable[[float, float], None]
-"""Takes the begin and the end [s] of the stretch to be enlarged."""
-
 
 class RecordTab:
     """Six plots of one record, three of all of it and three of the stretch enlarged."""
 
-    def __init__(self, record: Record, window: tuple[float, float], moved: Moved):
+    def __init__(self, record: Record, window: tuple[float, float], moved: Callable[[float, float], None]):
+        """`moved` takes the begin and the end [s] of the stretch that the user has chosen to be enlarged."""
         self._record, self._drawn = record, drawn_samples(record)
         display = record.measurement.display
         self._scale, self._unit = display.scale, with_micro_sign(display.unit)

@@ -43,7 +43,7 @@ def is_settled(
     of_contact = [jnp.abs(a - b) * c for a, b, c in zip(x.contact_state, contact, lengths, strict=True)]
     steady_lag, metres = _steady_lag(sensed, segment, t_local, x), sensed.state_scale()
     of_sensor = [jnp.abs(a - b) * metres for a, b in zip(x.sensor_lag, steady_lag, strict=True)]
-    left, of_derivatives = _left(actuator, t_local, x.v, ringing, [*of_contact, *of_sensor])
+    left, of_derivatives = _remaining_motion(actuator, t_local, x.v, ringing, [*of_contact, *of_sensor])
     still = (of_derivatives < tolerance) | (left < ROUNDING)
     still &= _holds(actuator, contact, mode) | _creeps_in(actuator, contact, displacement, x.v, mode, ringing)
     upper, lower = (constant(margin) for margin in sticking_margins(actuator, segment, t_local, x))
@@ -140,7 +140,7 @@ def _stiffness(law: AbstractFriction, contact: tuple[Scalar, ...], sign: Scalar)
     return jax.jvp(elastic, (contact,), (rates,))[1]
 
 
-def _left(
+def _remaining_motion(
     actuator: Actuator, t_local: ScalarLike, v: Scalar, ringing: Scalar, of_contact_and_sensor: list[Scalar]
 ) -> tuple[Scalar, Scalar]:
     """What is left of a sliding contact's motion in a segment [m], and what of its derivatives, as a motion [m].
