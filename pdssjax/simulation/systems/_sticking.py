@@ -17,7 +17,7 @@ from ...actuator import Actuator, DrivenPlatformState
 from ...core import Scalar, ScalarLike
 from ...drive.base import Segment
 from ...integration import LOOK_AHEAD, Term, constant
-from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState
+from ._stick_slip_state import ADVANCING, RETREATING, STUCK, State, StickSlipState
 
 
 def push_on_stop(actuator: Actuator, x: StickSlipState[Term]) -> Term:
@@ -60,9 +60,7 @@ def sticking_margins(actuator: Actuator, segment: Segment, t_local: Term, x: Sti
     return upper, sticking - actuator.friction.breakaway_force(contact, RETREATING)
 
 
-def mode_from_rest(
-    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], ended: ScalarLike
-) -> Scalar:
+def mode_from_rest(actuator: Actuator, segment: Segment, t_local: ScalarLike, x: State, ended: ScalarLike) -> Scalar:
     """The mode that begins at v = 0, ties broken by looking ahead; `ended` is the one that ended there, 0 for none."""
     driven_platform, zero, unit = actuator.driven_platform, jnp.zeros_like(x.v), jnp.ones_like(x.v)
     sticking = sticking_force(actuator, driven_platform.acceleration(segment, t_local, x.driven), x)
