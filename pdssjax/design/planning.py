@@ -204,7 +204,7 @@ class _Planning:
 
     @property
     def where(self) -> str:
-        """Beginning of messages."""
+        """The beginning of messages."""
         return f"{self.study.path or self.study.title}: design"
 
     @functools.cached_property
@@ -224,7 +224,7 @@ class _Planning:
 
     @functools.cached_property
     def survey(self) -> Survey:
-        """Simulates all of them."""
+        """Predictions and derivatives of these experiments and of the walk."""
         walk = [] if self.walk is None else [self.walk]
         return Survey(self.study, self.aim.rival, self.limits, [*self.experiments, *walk])
 

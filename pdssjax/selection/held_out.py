@@ -105,12 +105,12 @@ def held_out(
     basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zero_columns(problem, len(jacobian))]))
     used = [place for place, record in enumerate(study.records) if record.role == "fit"]
     places = dict(zip(used, range(len(used)), strict=True))
-    at = _Optimum(study, problem, free, np.asarray(state.residual), basis, spread, moved, places)
+    optimum = _Optimum(study, problem, free, np.asarray(state.residual), basis, spread, moved, places)
     out, refitted = [], 0
     for part in parts:
-        free, again = (at.free, False) if part.kind == "validation" else at.without(part)
+        free, again = (optimum.free, False) if part.kind == "validation" else optimum.without(part)
         refitted += again
-        out.append(at.residual(part, free))
+        out.append(optimum.residual(part, free))
     return tuple(out), refitted
 
 
