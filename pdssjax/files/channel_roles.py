@@ -31,20 +31,8 @@ _NAMES = {
 _SYMBOLS = {"time": ("t",), "voltage": ("u",), "displacement": ("x",), "velocity": ("xdot", "xd"), "force": ("f",)}
 """Names as they stand in equations, which arrays of MATLAB often have."""
 
-_NORMAL = ("normal", "load", "last", "fn", "fz")
-"""How names begin of forces across the contact, which are not those of friction."""
-
-_TRIGGERS = ("trig", "sync", "ttl")
-"""Parts of the names of trigger channels, which are neither a drive nor a motion."""
-
-_OF_SENSORS = ("V", "A")
-"""Units of the amplifiers of sensors."""
-
 _OTHERS = {"N": "force", "m/s^2": "acceleration"}
 """Units that a study reads, but that are not guessed."""
-
-_MOST = 4_000_000
-"""Samples of a file that are looked at."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,14 +95,12 @@ def roles_of(file: Path, hints: Hints) -> Roles:
         search.check_units()
     except InputError as fault:
         faults.append(str(fault))
-    if faults:
-        said = [faults[0], *(fault.removeprefix(f"{file}: ") for fault in faults[1:])]
-        taken = ", ".join(
-            f'{c.number} ("{c.name}") for the {q}' for q, c in search.chosen.items() if q not in hints.columns
-        )
-        said += [f"took channel {taken}"] * bool(taken)
-        raise InputError("; ".join(fault.removesuffix(".") for fault in said) + ".")
-    return search.found()
+    if not faults:
+        return search.found()
+    guessed = {quantity: c for quantity, c in search.chosen.items() if quantity not in hints.columns}
+    if guessed:
+        faults.append("took channel " + ", ".join(f'{c.number} ("{c.name}") for the {q}' for q, c in guessed.items()))
+    raise InputError(f"{file}: " + "; ".join(f.removeprefix(f"{file}: ").removesuffix(".") for f in faults) + ".")
 
 
 def friction_roles(file: Path, hints: Hints) -> Roles | None:
@@ -125,17 +111,24 @@ def friction_roles(file: Path, hints: Hints) -> Roles | None:
     **Raises:** `InputError` as `roles_of` does.
     """
     reader = open_file(file, hints.decimal)
-    channels = [c for c in reader.channels() if not c.name.lower().startswith(_NORMAL)]
+    # A force across the contact is none of friction.
+    normal = ("normal", "load", "last", "fn", "fz")
+    channels = [c for c in reader.channels() if not c.name.lower().startswith(normal)]
     has = lambda quantity: quantity in hints.columns or any(c.measures(SI[quantity]) for c in channels)
-    pulls = has("force") or any(not c.unit and _called(c, "force") for c in channels)
+    is_named = lambda quantity: any(not c.unit and _called(c, quantity) for c in channels)
     driven = hints.columns.get("voltage", "none") != "none" or any(c.measures("V") for c in channels)
-    if not pulls or (driven and "force" not in hints.columns):
+    if not (has("force") or is_named("force")) or (driven and "force" not in hints.columns):
         return None
     search = _RoleSearch(file, reader, channels, hints)
-    timed = not search.is_clocked() and (has("time") or any(not c.unit and _called(c, "time") for c in channels))
-    motion = search.motion() if has("displacement") or has("velocity") else search.named_motion()
-    for quantity in [*(["time"] * timed), "force", motion]:
-        search.choose(quantity, search.increases if quantity == "time" else search.may_move)
+    if not search.is_clocked() and (has("time") or is_named("time")):
+        search.choose("time", search.increases)
+    search.choose("force", search.may_move)
+    if has("displacement") or has("velocity"):
+        motion = search.motion()
+    else:
+        called = lambda quantity: any(_called(channel, quantity) for channel in channels)
+        motion = "velocity" if called("velocity") and not called("displacement") else "displacement"
+    search.choose(motion, search.may_move)
     search.check_units()
     # A study names the motion of a contact before the force.
     search.chosen["force"] = search.chosen.pop("force")
@@ -156,15 +149,15 @@ def _called(channel: Channel, quantity: str) -> bool:
     return name.startswith(_NAMES[quantity]) or name in _SYMBOLS[quantity]
 
 
-def _triggers(channel: Channel) -> bool:
-    return any(word in channel.name.lower() for word in _TRIGGERS)
+def _is_trigger(channel: Channel) -> bool:
+    return any(word in channel.name.lower() for word in ("trig", "sync", "ttl"))
 
 
 def _example_of_scale(quantity: str, channel: Channel) -> str:
-    """The option that makes a `quantity` of a channel's numbers; "" where no instrument shows it in such a unit."""
+    """The option that makes a `quantity` of a sensor's volts or amperes; "" for other quantities and units."""
     usual = {"displacement": "um", "velocity": "mm/s", "force": "N"}.get(quantity)
-    is_sensor = usual is not None and any(channel.measures(unit) for unit in _OF_SENSORS)
-    return f'--scale "{quantity}=0.5 {usual}/{channel.unit}"' if is_sensor else ""
+    is_sensor = channel.measures("V") or channel.measures("A")
+    return f'--scale "{quantity}=0.5 {usual}/{channel.unit}"' if usual and is_sensor else ""
 
 
 @dataclasses.dataclass
@@ -213,11 +206,6 @@ class _RoleSearch:
             '("What can be measured" in docs/study-file.md), or name a motion by --displacement.'
         )
 
-    def named_motion(self) -> str:
-        """Which quantity of a motion the names of channels tell, where no unit does."""
-        named = any(_called(channel, "velocity") for channel in self.channels)
-        return "velocity" if named and not any(_called(c, "displacement") for c in self.channels) else "displacement"
-
     def choose(self, quantity: str, shaped: Callable[[Channel], bool]) -> None:
         """Choose the channel of a `quantity`, one that is `shaped` like it where no unit tells which."""
         if given := self.hints.columns.get(quantity):
@@ -245,13 +233,14 @@ class _RoleSearch:
         self._ask(quantity, shapes, left)
 
     def _ask(self, quantity: str, shapes: Sequence[Channel], left: Sequence[Channel]) -> None:
+        """Raise the error that asks for the channel of a `quantity`, with those of its shape, or else those `left`."""
         moving = shapes or [channel for channel in left if self.may_move(channel)] or left
         listed = ", ".join(f'{c.number}: "{c.name}"' + (f" [{c.unit}]" if c.unit else "") for c in moving[:8])
         more = {
             "time": ', or --interval "50 us" with that between samples',
             "voltage": ' (or "none": then --peak tells the voltage)',
         }.get(quantity, "")
-        if moving and all(channel.unit and not self._may_be(channel, quantity) for channel in moving):
+        if all(channel.unit and not self._may_be(channel, quantity) for channel in moving):
             example = next(filter(None, (_example_of_scale(quantity, channel) for channel in moving)), "")
             more += f", and --scale with the factor of its numbers, such as {example}" if example else ""
         found = "several channels" if len(shapes or ([] if quantity == "time" else moving)) > 1 else "no channel"
@@ -293,7 +282,8 @@ class _RoleSearch:
             return False
 
     def _values(self, channel: Channel) -> Float[np.ndarray, " n"]:
-        read = read_samples(self.reader, self.file, [channel.number], Clock(None, interval=1.0), (0.0, float(_MOST)))
+        """The numbers among the first four million samples of a channel."""
+        read = read_samples(self.reader, self.file, [channel.number], Clock(None, interval=1.0), (0.0, 4e6))
         values = read.values[:, 0]
         return values[np.isfinite(values)]
 
@@ -304,16 +294,16 @@ class _RoleSearch:
 
     def may_move(self, channel: Channel) -> bool:
         """Whether a channel may show a motion: it changes, does not count samples, and is not called a trigger."""
-        if _triggers(channel):
-            return False
         values = self._values(channel)
-        return bool(values.size and np.ptp(values) > 0 and not np.all(np.diff(values) == 1.0))
+        changes = values.size > 0 and np.ptp(values) > 0
+        return bool(changes and not np.all(np.diff(values) == 1.0) and not _is_trigger(channel))
 
     def is_a_drive(self, channel: Channel) -> bool:
         """Whether a channel has one of the waveforms, which a motion has not."""
-        if _triggers(channel):
-            return False
         values = self._values(channel)
-        if values.size < 16 or np.ptp(values) == 0 or self.increases(channel):
+        if _is_trigger(channel) or values.size < 16 or np.ptp(values) == 0 or self.increases(channel):
             return False
         return detect_waveform(np.arange(values.size, dtype=float), values).name != "sampled"
+
+
+## files/channel_samples.py

@@ -28,9 +28,6 @@ a contact that is seen in aliases would be taken for each other."""
 _NEGLIGIBLE = 0.1
 """Part of a sample's noise below which what the voltage leaves open moves no sample."""
 
-_LARGE_SHARE = 1.0
-"""Part of what a motion's noise leaves open of its extent, from which what the voltage's noise leaves open counts."""
-
 _FLANK = {"step": "drive.rise_time", "sawtooth": "drive.fall_time", "cycloidal": "drive.fall_time"}
 """The parameter that is the duration of the fast flank, by waveform."""
 
@@ -48,10 +45,8 @@ def has_open_flanks(guess: RecordGuess) -> bool:
 
 
 def has_uncertain_voltage(guess: RecordGuess) -> bool:
-    """Whether the noise of the voltage leaves more open of how far a volt moves than that of the motion lets pass."""
-    return gain_of(guess) * guess.waveform.voltage_error > _LARGE_SHARE * guess.motion_noise / math.sqrt(
-        guess.time.size
-    )
+    """Whether the noise of the voltage leaves more open of the motion's extent than the noise of the motion does."""
+    return gain_of(guess) * guess.waveform.voltage_error > guess.motion_noise / math.sqrt(guess.time.size)
 
 
 def condition_of(name: str) -> str:
@@ -131,10 +126,6 @@ def _about(number: float, error: float) -> str:
     return f'{{ value = "{1e6 * number:.7g} us", standard_error = "{1e6 * error:.3g} us" }}'
 
 
-_MOST_GAPS = 0.05
-"""Part of a record's samples that may be no numbers, and are excluded."""
-
-
 @dataclasses.dataclass(frozen=True)
 class RigOptions:
     """The user's options on the rig and on all records."""
@@ -178,37 +169,32 @@ def guess_file(file: Path, hints: Hints, rig: RigOptions, measures: str = "") ->
     columns.check_numbers()
     if columns.data["time"].size < 16:
         raise InputError(f"{file}: found {columns.data['time'].size} samples, expected a record of 16 at least.")
-    guess = _guess(file, columns, roles.motion, rig, measures)
+    try:
+        guess = guess_record(
+            columns.data["time"],
+            columns.data[roles.motion],
+            columns.data.get("voltage"),
+            velocity=roles.motion == "velocity",
+            measures=measures,
+            peak=rig.peak,
+            frequency=rig.frequency,
+            where=str(file),
+        )
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"{file}: {error}.") from None
     if guess.waveform.name in ("sampled", "sine") and not np.all(np.isfinite(read.data["voltage"])):
         # The samples themselves may be the drive then, and have to be known everywhere.
         read.check_numbers()
     return NewRecord(file.stem, roles, guess, bool(measures), gaps)
 
 
-def _guess(file: Path, columns: Columns, quantity: str, rig: RigOptions, measures: str) -> RecordGuess:
-    data = columns.data
-    try:
-        return guess_record(
-            data["time"],
-            data[quantity],
-            data.get("voltage"),
-            velocity=quantity == "velocity",
-            measures=measures,
-            peak=rig.peak,
-            frequency=rig.frequency,
-            where=str(file),
-        )
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{file}: {error}.") from None
-
-
 def _fill_gaps(columns: Columns, motion: str) -> tuple[Columns, tuple[tuple[float, float], ...]]:
     """The columns with samples that are no numbers filled from beside them, where they are few, and when those were."""
     time = columns.data["time"]
     wrong = ~np.all([np.isfinite(column) for column in columns.data.values()], axis=0)
-    if not wrong.any() or not np.all(np.isfinite(time)) or np.mean(wrong) > _MOST_GAPS:
+    if not wrong.any() or not np.all(np.isfinite(time)) or np.mean(wrong) > 0.05:
         return columns, ()
     known, data = np.flatnonzero(~wrong), dict(columns.data)
     for quantity in set(data) - {"time"}:
@@ -219,7 +205,6 @@ def _fill_gaps(columns: Columns, motion: str) -> tuple[Columns, tuple[tuple[floa
         data[quantity] = np.where(wrong, held if quantity == motion else between, data[quantity])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
     beside = 0.25 * float(np.median(np.diff(time)))
-    gaps = zip(edges[::2], edges[1::2] - 1, strict=True)
-    return dataclasses.replace(columns, data=data), tuple(
-        (float(time[a]) - beside, float(time[b]) + beside) for a, b in gaps
-    )
+    ends = zip(time[edges[::2]], time[edges[1::2] - 1], strict=True)
+    gaps = tuple((float(begin) - beside, float(end) + beside) for begin, end in ends)
+    return dataclasses.replace(columns, data=data), gaps

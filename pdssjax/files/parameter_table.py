@@ -23,9 +23,6 @@ from ..study import (
 )
 from .toml_table import Table
 
-_MANY = "_*"
-"""Ending of a path that stands for all parameters that differ by a number."""
-
 
 def read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
     """The parameters that the table `top` of a study file lists, by path, in its order; `study` lacks them still.
@@ -44,17 +41,11 @@ def read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
             _check_condition(table, base, condition, study.records)
     for path in _required(study, legal, table.entries):
         if path not in table.entries:
-            raise InputError(
-                f'{table.where}: the parameter "{path}" is missing, '
-                f"expected it fixed as in {{ value = ... }} or free as in {{}}."
-            )
+            expected = "expected it fixed as in { value = ... } or free as in {}"
+            raise InputError(f'{table.where}: the parameter "{path}" is missing, {expected}.')
     expected = "a table such as { start = ... }, { value = ... } or {}"
-    return {
-        path: _read_parameter(
-            path, dataclasses.replace(table.table(path, expected), where=table.at(path)), legal[split_path(path)[0]]
-        )
-        for path in table.entries
-    }
+    entries = {path: Table(table.table(path, expected).entries, table.at(path)) for path in table.entries}
+    return {path: _read_parameter(path, entry, legal[split_path(path)[0]]) for path, entry in entries.items()}
 
 
 def _required(study: Study, legal: dict[str, Quantity], listed: Iterable[str]) -> list[str]:
@@ -75,7 +66,7 @@ def _expanded(table: Table, legal: Iterable[str]) -> Table:
     entries: dict[str, Any] = {}
     for path, entry in table.entries.items():
         base, mark, condition = path.partition(MARK)
-        if not base.endswith(_MANY):
+        if not base.endswith("_*"):
             entries[path] = entry
             continue
         numbered_paths = re.compile(re.escape(base.removesuffix("*")) + r"\d+")
@@ -115,30 +106,20 @@ def _read_parameter(path: str, table: Table, quantity: Quantity) -> Parameter:
     outside its bounds, the bounds crossed, or a value given together with a start, or with bounds and no error.
     """
     table.only(["value", "start", "min", "max", "standard_error"])
-    measured_apart, key = "standard_error" in table.entries, "start"
-    if measured_apart:
-        key = "value"
-        if "value" not in table.entries or "start" in table.entries:
-            raise InputError(
-                f'{table.where}: found "standard_error", expected it beside the "value" that was measured.'
-            )
-    elif "value" in table.entries:
-        extra = next((key for key in table.entries if key != "value"), None)
-        if extra:
+    given, error = table.entries, table.number("standard_error", quantity.unit, None)
+    if "value" in given and error is None:
+        if extra := next((key for key in given if key != "value"), None):
             raise InputError(f'{table.where}: found "value" together with "{extra}", expected one or the other.')
         return Parameter(path, quantity.unit, quantity, value=table.quantity("value", quantity))
-    start = table.quantity(key, quantity) if key in table.entries else None
+    if error is not None and ("value" not in given or "start" in given):
+        raise InputError(f'{table.where}: found "standard_error", expected it beside the "value" that was measured.')
+    if error is not None and not 0 < error < math.inf:
+        raise InputError(f"{table.at('standard_error')}: found {error} {quantity.unit}, expected a number above 0.")
+    key = "start" if error is None else "value"
+    start = table.quantity(key, quantity) if key in given else None
     low, high = _bound(table, "min", quantity, quantity.low), _bound(table, "max", quantity, quantity.high)
     _check_order(table, key, quantity, start, low, high)
-    error = _standard_error(table, quantity) if measured_apart else None
     return Parameter(path, quantity.unit, quantity, start=start, low=low, high=high, standard_error=error)
-
-
-def _standard_error(table: Table, quantity: Quantity) -> float:
-    error = table.number("standard_error", quantity.unit, None)
-    if error is None or not 0 < error < math.inf:
-        raise InputError(f"{table.at('standard_error')}: found {error} {quantity.unit}, expected a number above 0.")
-    return error
 
 
 def _bound(table: Table, key: str, quantity: Quantity, end: float) -> float | None:
@@ -167,8 +148,6 @@ def _check_order(
 _NUMBER = r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
 
 _SIDE = rf"(?:({_NUMBER})\s*\*\s*)?(\S.*?)"
-
-_INEQUALITY = re.compile(rf"\s*{_SIDE}\s*(>=|<=)\s*{_SIDE}\s*")
 
 CONSTRAINT_EXAMPLE = "friction.f_s >= 1.1 * friction.f_c"
 """How a study writes a constraint."""
@@ -203,7 +182,7 @@ def read_constraints(top: Table, parameters: Mapping[str, Parameter]) -> tuple[C
 def _read_constraint(table: Table, name: str, parameters: Mapping[str, Parameter]) -> Constraint:
     expected = f'an inequality between two parameters such as "{CONSTRAINT_EXAMPLE}"'
     text = table.text(name, expected)
-    read = _INEQUALITY.fullmatch(text)
+    read = re.fullmatch(rf"\s*{_SIDE}\s*(>=|<=)\s*{_SIDE}\s*", text)
     if read is None:
         raise InputError(f'{table.at(name)}: found "{text}", expected {expected}.')
     first, sign, second = (read[1], read[2]), read[3], (read[4], read[5])

@@ -47,11 +47,6 @@ BYTES_PER_SECOND = 5_000_000
 CLOCK = 2 if sys.platform == "win32" else 20
 """Ratio of elapsed to processor time allowed: Windows limits elapsed time only, elsewhere processors are shared."""
 
-_SERVE = (
-    "import sys; sys.path.insert(0, sys.argv[1]); "
-    "from pdssjax.files.reading_process import serve; del sys.path[0]; serve()"
-)
-
 _Process: TypeAlias = "subprocess.Popen[bytes]"
 
 _idle: dict[int, list[_Process]] = {}
@@ -103,10 +98,12 @@ def _process() -> _Process:
         if process.poll() is None:
             return process
         _end(process)
+    program = "import sys; sys.path.insert(0, sys.argv[1]); "
+    program += "from pdssjax.files.reading_process import serve; del sys.path[0]; serve()"
     # One thread: each that a library of linear algebra begins takes address space, which is limited.
     alone = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
     return subprocess.Popen(
-        [sys.executable, "-P", "-c", _SERVE, str(Path(__file__).parents[2])],
+        [sys.executable, "-P", "-c", program, str(Path(__file__).parents[2])],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

@@ -15,16 +15,8 @@ from ..study import FittedRecord, Record, Recording, UsedNumber
 from .json_text import json_text
 from .results_folder import staging_folder, write_text
 
-PARAMETERS_FORMAT = "pdssjax-parameters/1"
-
-_TAKEN = ("amplification", "correlations", "draws", "multistart", "profiles", "standard_errors")
-"""Names of the files in `plots` besides a plot of each record."""
-
 COMPARED = "measured", "predicted", "residual"
 """Columns after the time, each with the unit behind it."""
-
-_LONGEST = 60
-"""Letters of a file's name: four bytes each at most, of the 255 that a name may have."""
 
 Numbers: TypeAlias = Mapping[str, UsedNumber]
 """Numbers of parameters by path, as `pdssjax.study.numbers_used` returns them."""
@@ -43,7 +35,7 @@ def write_predictions(records: Sequence[FittedRecord], used: Numbers, folder: Pa
 
 
 def write_numbers(used: Numbers, staging: Path) -> None:
-    write_text(staging / "parameters.json", json_text({"format": PARAMETERS_FORMAT, "parameters": used}))
+    write_text(staging / "parameters.json", json_text({"format": "pdssjax-parameters/1", "parameters": used}))
 
 
 def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
@@ -91,9 +83,11 @@ def prescribed_column(display: Display) -> str:
 def file_stems(names: Iterable[str]) -> list[str]:
     """File names after the `names` of records, different from each other on any file system."""
     stems: list[str] = []
+    plots = ("amplification", "correlations", "draws", "multistart", "profiles", "standard_errors")
     for name in names:
-        plain = re.sub(r"[^\w.-]+", "_", name)[:_LONGEST].strip("._") or "record"
-        taken = [stem.lower() for stem in [*stems, *_TAKEN]]
+        # Letters have four bytes at most, and names 255.
+        plain = re.sub(r"[^\w.-]+", "_", name)[:60].strip("._") or "record"
+        taken = [stem.lower() for stem in [*stems, *plots]]
         copies = (f"{plain}-{number}" for number in range(2, len(taken) + 2))
         stems.append(next(stem for stem in (plain, *copies) if stem.lower() not in taken))
     return stems
@@ -159,12 +153,9 @@ def write_csv(recording: Recording, study: Path, file: Path) -> None:
     data = {"time": record.time + record.start, measurement.quantity: record.measured}
     if measurement.prescribed is not None:
         data[measurement.prescribed] = record.motion
-    names, columns, formats = [], [], []
-    for quantity, (name, _) in record.columns.items():
-        columns.append(np.asarray(data[quantity]) / scales[quantity])
-        names.append(name)
-        # A clock that began long ago needs all digits to tell its samples apart.
-        formats.append("%.15g" if quantity == "time" else "%.9g")
+    table = np.column_stack([np.asarray(data[quantity]) / scales[quantity] for quantity in record.columns])
+    # A clock that began long ago needs all digits to tell its samples apart.
+    formats = ["%.15g" if quantity == "time" else "%.9g" for quantity in record.columns]
+    header = ",".join(name for name, _ in record.columns.values())
     file.parent.mkdir(parents=True, exist_ok=True)
-    header = ",".join(names)
-    np.savetxt(file, np.column_stack(columns), fmt=formats, delimiter=",", header=header, comments="", encoding="utf-8")
+    np.savetxt(file, table, fmt=formats, delimiter=",", header=header, comments="", encoding="utf-8")

@@ -41,20 +41,8 @@ SWEEP_STORE = "points.zarr"
 PENDING, DONE, FAILED = 0, 1, 2
 """Status of a block."""
 
-_REASON = 200
-"""Bytes kept of why a block failed."""
-
-_DIGEST = 32
-"""Bytes of the digest of a block."""
-
-_LISTED = 8
-"""Blocks that a message names."""
-
-_NEEDED = (3, 1, 6)
-"""The version of Zarr from which on it writes by renaming."""
-
-_FILE = 4096
-"""Bytes that a file takes at least on most disks."""
+_REASON, _DIGEST = 200, 32
+"""Bytes of a block's array that say why it failed; bytes of its digest."""
 
 Group: TypeAlias = Any
 """A `zarr.Group`; zarr is loaded where it is used, and need not be installed."""
@@ -90,10 +78,8 @@ class SweepStore(AbstractBlockStore):
             _check_arrays(self._group, columns_of(document), plan)
             _, damaged = self._read_verified()
             if damaged:
-                told = (
-                    f"{_name_blocks(damaged)} what was stored does not match its digest, or has none; computed again."
-                )
-                warnings.warn(f"{self.place}: {told}", InputWarning, 3)
+                told = "what was stored does not match its digest, or has none; computed again."
+                warnings.warn(f"{self.place}: {_name_blocks(damaged)} {told}", InputWarning, 3)
             done = self._status() == DONE
             return plan, [number for number in range(plan.blocks) if number in damaged or not done[number]]
 
@@ -178,8 +164,8 @@ def _refusing_damage(place: Path) -> Iterator[None]:
 
 def _name_blocks(blocks: set[int]) -> str:
     """Blocks in words, as a message begins."""
-    first = ", ".join(map(str, sorted(blocks)[:_LISTED]))
-    more = f" and {len(blocks) - _LISTED} more" if len(blocks) > _LISTED else ""
+    first = ", ".join(map(str, sorted(blocks)[:8]))
+    more = f" and {len(blocks) - 8} more" if len(blocks) > 8 else ""
     return f"of block{'s' * (len(blocks) > 1)} {first}{more}"
 
 
@@ -194,19 +180,19 @@ def check_zarr() -> None:
         found = importlib.metadata.version("zarr")
     except importlib.metadata.PackageNotFoundError:
         found = ""
-    version = tuple(int(part) for part in found.split(".")[:3] if part.isdigit())
-    if version < _NEEDED:
-        needed = ".".join(map(str, _NEEDED))
+    # From 3.1.6 on it writes by renaming.
+    if tuple(int(part) for part in found.split(".")[:3] if part.isdigit()) < (3, 1, 6):
         told = f"zarr {found}" if found else "no zarr"
         raise InputError(
-            f"a sweep that can be resumed: found {told}, expected {needed} or later: \"pip install 'zarr>={needed}'\"."
+            f"a sweep that can be resumed: found {told}, expected 3.1.6 or later: \"pip install 'zarr>=3.1.6'\"."
         )
 
 
 def bytes_needed(document: Document, plan: BlockPlan) -> int:
     """How much room [bytes] the store of a plan takes on the disk, at most."""
     rows = len(plan.order) * 8 * (columns_of(document) + plan.values.shape[1] + 1)
-    return rows + 4 * _FILE * plan.blocks + 20 * _FILE
+    # On most disks a file takes 4096 bytes at least.
+    return rows + 4096 * (4 * plan.blocks + 20)
 
 
 def check_room(document: Document, plan: BlockPlan, place: Path) -> None:
@@ -303,20 +289,15 @@ def _plan_to_resume(place: Path, group: Group, document: Document, plan: BlockPl
             "another folder, or --overwrite."
         )
     if len(whole.order) > points:
-        _extend(group, whole, points)
+        if points % whole.lanes:
+            # New points fill this block up.
+            group["status"][points // whole.lanes] = PENDING
+        for name, array in _arrays(group["found"].shape[1], whole).items():
+            group[name].resize(array.shape)
+        group["values"][points:] = whole.values[points:]
+        group["order"][:] = whole.order
+        group.attrs["points"] = len(whole.order)  # last: an extension that is broken off leaves room at the end
     return whole
-
-
-def _extend(group: Group, plan: BlockPlan, points: int) -> None:
-    """Make room for the points of `plan` beyond the first `points`; how many there are is said last."""
-    if points % plan.lanes:
-        # New points fill this block up.
-        group["status"][points // plan.lanes] = PENDING
-    for name, array in _arrays(group["found"].shape[1], plan).items():
-        group[name].resize(array.shape)
-    group["values"][points:] = plan.values[points:]
-    group["order"][:] = plan.order
-    group.attrs["points"] = len(plan.order)
 
 
 def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
@@ -367,12 +348,11 @@ def _checksum(data: "xarray.Dataset") -> str:
         values = np.asarray(variable.values)
         digest.update(_canonical_text([name, variable.dims, variable.attrs]))
         # Formats keep integers in types of their own, and NaN has many forms.
-        numbers = values.astype("<f8") if values.dtype.kind in "iufb" else values.astype(str)
-        digest.update(
-            np.where(numbers != numbers, np.nan, numbers).tobytes()
-            if numbers.dtype.kind == "f"
-            else _canonical_text(numbers)
-        )
+        if values.dtype.kind in "iufb":
+            numbers = values.astype("<f8")
+            digest.update(np.where(np.isnan(numbers), np.nan, numbers).tobytes())
+        else:
+            digest.update(_canonical_text(values.astype(str)))
     return digest.hexdigest()
 
 
