@@ -67,10 +67,7 @@ class Roles:
 
 
 def roles_of(file: Path, hints: Hints) -> Roles:
-    """Which channels of `file` are what.
-
-    **Raises:** `InputError` if that is not clear, with the option that tells it, or if the file is at fault.
-    """
+    """Which channels of `file` are what."""
     reader = open_file(file, hints.decimal)
     channels = reader.channels()
     search = _RoleSearch(file, reader, channels, hints)
@@ -107,8 +104,6 @@ def friction_roles(file: Path, hints: Hints) -> Roles | None:
     """Which channels of `file` are what, if it is of a contact alone: a force, a motion, and times where it has some.
 
     None where it has no force, or shows a voltage that drives a piezo.
-
-    **Raises:** `InputError` as `roles_of` does.
     """
     reader = open_file(file, hints.decimal)
     # A force across the contact is none of friction.
@@ -185,10 +180,7 @@ class _RoleSearch:
         return self.hints.interval is not None or any(channel.interval for channel in self.channels)
 
     def motion(self) -> str:
-        """What the file holds of a motion: a displacement, or where it has none, a velocity.
-
-        **Raises:** `InputError` where it has neither, but what a study reads and nothing here guesses.
-        """
+        """What the file holds of a motion: a displacement, or where it has none, a velocity."""
         told = [quantity for quantity in ("displacement", "velocity") if quantity in self.hints.columns]
         if len(told) == 2:
             raise InputError(f"{self.file}: found both --displacement and --velocity, expected one of them.")

@@ -49,10 +49,7 @@ class Samples(NamedTuple):
 
 
 def open_file(file: Path, decimal: str = "") -> AbstractSource:
-    """A reader of `file`, by what it holds and what it ends in; `decimal` is that of its text, "" where to be told.
-
-    **Raises:** `InputError` if the file is missing or of no format that is known.
-    """
+    """A reader of `file`, by what it holds and what it ends in; `decimal` is that of its text, "" where to be told."""
     expected = "expected a file of samples"
     try:
         is_stream = not (stat.S_ISREG(file.stat().st_mode) or file.is_dir())
@@ -147,10 +144,7 @@ def name_or_number(given: str) -> str | int:
 
 
 def find_channel(reader: AbstractSource, file: Path, channels: Sequence[Channel], given: str | int) -> Channel:
-    """The channel that is `given` by its name or its number.
-
-    **Raises:** `InputError` if there is none, or several.
-    """
+    """The channel that is `given` by its name or its number."""
     what = "column" if reader.place == "line" else "channel"
     if isinstance(given, int):
         numbered = {channel.number: channel for channel in channels}
@@ -182,8 +176,6 @@ def read_samples(
     """Samples of the channels with these `numbers`, those within the `window` [s] where one is given.
 
     Memory is needed for what is kept, and for one block.
-
-    **Raises:** `InputError` if the file is broken or its times do not increase.
     """
     low, high = window or (-math.inf, math.inf)
     first = 0

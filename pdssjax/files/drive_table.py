@@ -38,8 +38,6 @@ def conditioned(record: Table, drive: AbstractDrive | None) -> tuple[AbstractDri
 
     Cycles of a waveform are run before its t = 0, a sampled drive's first period is repeated, or its first
     voltage held for a time; held for none, it sets in at t = 0.
-
-    **Raises:** `InputError` where the key is at fault, or does not suit the drive.
     """
     if "conditioning" not in record.entries:
         return drive, 0.0
@@ -146,8 +144,6 @@ def read_drive(table: Table, record: Table, folder: Path, told: Table) -> tuple[
 
     With `zero_order_hold` it is the staircase of a converter that renews the voltage that often.  A number that it
     needs and leaves out is that of the study's parameter: what is `told` of it, by path, if anything.
-
-    **Raises:** `InputError` if the waveform or a field is unknown, missing or illegal.
     """
     name = table.option("waveform", members("drive"))
     drive = member("drive", name)

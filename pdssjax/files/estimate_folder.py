@@ -121,10 +121,7 @@ def _parameter(path: str, entry: Document) -> FittedParameter:
 
 
 def _record(entry: Document, file: Path) -> FittedRecord:
-    """A record, with the samples of its `file` where that is there.
-
-    **Raises:** `InputError` where the file is not the one that belongs to the record.
-    """
+    """A record, with the samples of its `file` where that is there."""
     kind = member("study.measurement", entry["measures"])
     words = {key: entry.get(key, next(iter(options))) for key, options in choices(kind).items()}
     measurement = kind(**{key: choices(kind)[key][word] for key, word in words.items()})

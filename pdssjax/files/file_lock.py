@@ -55,8 +55,6 @@ def folder_lock(folder: Path) -> contextlib.AbstractContextManager[None]:
 
     What a killed process has left unfinished in it is removed.  A folder that was made for the lock and is empty at
     the end is removed, too.
-
-    **Raises:** `InputError` where another process has it.
     """
     return file_lock(folder / LOCK, folder, UNFINISHED)
 

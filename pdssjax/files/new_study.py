@@ -44,10 +44,7 @@ def write_study(records: Sequence[NewRecord], rig: RigOptions, folder: Path, tit
 
 
 def put_study(folder: Path, text: str, names: Sequence[str], figures: Iterable[Figure]) -> Path:
-    """Write the `text` of a study into `folder`, with the figure of each record of the `names`; the study's path.
-
-    **Raises:** `InputError` if the folder holds something already, or cannot be written to.
-    """
+    """Write the `text` of a study into `folder`, with the figure of each record of the `names`; the study's path."""
     from ..report.figures import save_figure
 
     check_empty(folder)

@@ -25,10 +25,7 @@ from .toml_table import Table
 
 
 def read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
-    """The parameters that the table `top` of a study file lists, by path, in its order; `study` lacks them still.
-
-    **Raises:** `InputError` if one is missing, unknown or illegal.
-    """
+    """The parameters that the table `top` of a study file lists, by path, in its order; `study` lacks them still."""
     legal = study.legal()
     table = _expanded(top.table("parameters", "a table of parameters"), legal)
     for path in table.entries:
@@ -101,9 +98,6 @@ def _read_parameter(path: str, table: Table, quantity: Quantity) -> Parameter:
 
     A value with a standard error was measured apart: the parameter is free, and the fit takes that for one more
     measurement of it.
-
-    **Raises:** `InputError` if a number is outside the quantity's legal range, the start
-    outside its bounds, the bounds crossed, or a value given together with a start, or with bounds and no error.
     """
     table.only(["value", "start", "min", "max", "standard_error"])
     given, error = table.entries, table.number("standard_error", quantity.unit, None)
@@ -157,9 +151,6 @@ def read_constraints(top: Table, parameters: Mapping[str, Parameter]) -> tuple[C
     """The constraints between the `parameters` that the table `top` of a study file lists.
 
     Warns with `InputWarning` where starts break one.
-
-    **Raises:** `InputError` for what is no inequality between two parameters of the same unit, and for constraints that
-    cannot be kept.
     """
     table = top.table("constraints", f'a table of texts such as "{CONSTRAINT_EXAMPLE}"', {})
     found = tuple(_read_constraint(table, name, parameters) for name in table.entries)

@@ -91,11 +91,7 @@ class Columns:
 
 
 def read_columns(file: Path, layout: Layout, window: tuple[float, float] | None = None) -> Columns:
-    """The columns of `file` that a `layout` names, in SI, those samples within the `window` [s] where one is given.
-
-    **Raises:** `InputError` if the file or a column is missing, if there are no samples, if a row has another number
-    of cells than the header, if the times do not increase, or if a unit is missing or does not fit.
-    """
+    """The columns of `file` that a `layout` names, in SI, those samples within the `window` [s] where one is given."""
     reader = open_file(file, layout.decimal)
     channels = reader.channels()
     chosen = {q: find_channel(reader, file, channels, given) for q, given in layout.columns.items()}
@@ -114,7 +110,7 @@ def read_columns(file: Path, layout: Layout, window: tuple[float, float] | None 
 
 def _clock(file: Path, layout: Layout, chosen: Mapping[str, Channel], factors: Mapping[str, float]) -> Clock:
     clocked = [channel for channel in chosen.values() if channel.interval is not None]
-    kept = {(channel.start, channel.interval) for channel in clocked}
+    kept = {(c.start, c.interval) for c in clocked if c.interval is not None}
     if len(kept) > 1:
         said = ", ".join(f'"{c.name}" from {c.start:g} s on every {c.interval:g} s' for c in clocked)
         raise InputError(f"{file}: found clocks that differ ({said}), expected channels of one clock.")
@@ -195,10 +191,7 @@ def decimal_at(table: Table) -> str:
 
 
 def record_layout(table: Table, si_units: Mapping[str, str]) -> Layout:
-    """The columns of the record that `table` describes; `si_units` by quantity, "time" first, what is explained last.
-
-    **Raises:** `InputError` if a column is missing or named twice, or a key is illegal.
-    """
+    """The columns of the record that `table` describes; `si_units` by quantity, "time" first, the explained last."""
     *_, explained = si_units
     has_channel = "channel" in table.entries
     example = f'a table such as {{ time = "time_s", {explained} = "..." }}'

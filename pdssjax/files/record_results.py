@@ -131,10 +131,7 @@ def write_recordings(
 
 
 def column_scales(record: Record, study: Path) -> dict[str, float]:
-    """The factor from the unit of each quantity's column to SI.
-
-    **Raises:** `InputError`, which names the file `study`, where the name of a column does not tell its unit.
-    """
+    """The factor from the unit of each quantity's column to SI."""
     si_units, where = record.measurement.columns, f'{study}: record "{record.name}"'
     return {
         quantity: factor(unit or column_unit(name), si_units[quantity], f'{where}: column "{name}"')
@@ -143,10 +140,7 @@ def column_scales(record: Record, study: Path) -> dict[str, float]:
 
 
 def write_csv(recording: Recording, study: Path, file: Path) -> None:
-    """The record as the file `study` describes its file: columns by their names and units.
-
-    **Raises:** `InputError` as `column_scales` does.
-    """
+    """The record as the file `study` describes its file: columns by their names and units."""
     record = recording.record
     scales = column_scales(record, study)
     measurement = record.measurement

@@ -17,10 +17,7 @@ from .toml_table import Table
 
 
 def _kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> dict[str, Float[np.ndarray, " samples"]]:
-    """The samples that are kept of those `read`, by quantity [SI], checked.
-
-    **Raises:** `InputError` if the file or a key of the record's `table` is at fault, or nothing is left.
-    """
+    """The samples that are kept of those `read`, by quantity [SI], checked."""
     _, *quantities, explained = layout.si_units
     keep, whole = _not_excluded(table, read)
     if "held" in table.entries:

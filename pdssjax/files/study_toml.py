@@ -190,10 +190,7 @@ def _check_measurements(top: Table, study: Study) -> None:
 
 
 def _read_piezo(actuator: Table) -> type[AbstractPiezo]:
-    """The class that the key "piezo" of the table [actuator] describes.
-
-    **Raises:** `InputError` for what is unknown, missing or out of range.
-    """
+    """The class that the key "piezo" of the table [actuator] describes."""
     if not isinstance(actuator.entries.get("piezo"), dict):
         actuator.get("piezo", str, _STACKS)
         return member("piezo", actuator.option("piezo", members("piezo")))

@@ -19,7 +19,7 @@ import json
 import shutil
 import tempfile
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -69,7 +69,7 @@ class SweepStore(AbstractBlockStore):
         self._lock.enter_context(file_lock(beside, self.place, _unfinished_prefix(self.place)))
         if self.place.exists() and not self.resume:
             shutil.rmtree(self.place)
-        with _refusing_damage(self.place):
+        try:
             if self.place.exists():
                 plan = _plan_to_resume(self.place, _open_group(self.place), document, plan)
             else:
@@ -82,6 +82,13 @@ class SweepStore(AbstractBlockStore):
                 warnings.warn(f"{self.place}: {_name_blocks(damaged)} {told}", InputWarning, 3)
             done = self._status() == DONE
             return plan, [number for number in range(plan.blocks) if number in damaged or not done[number]]
+        except InputError:
+            raise
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise InputError(
+                f"{self.place}: found a damaged store of a sweep ({error}), expected one that pdssjax made; begin anew "
+                "with --overwrite."
+            ) from None
 
     def close(self) -> None:
         self._lock.close()
@@ -146,20 +153,6 @@ class SweepStore(AbstractBlockStore):
         failed = np.flatnonzero(self._status() == FAILED)
         text = lambda row: bytes(row).rstrip(b"\0").decode(errors="replace")
         return {int(number): text(self._group["reason"][number]) for number in failed}
-
-
-@contextlib.contextmanager
-def _refusing_damage(place: Path) -> Iterator[None]:
-    """Turn whatever a damaged store at `place` raises into an `InputError` of one line."""
-    try:
-        yield
-    except InputError:
-        raise
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise InputError(
-            f"{place}: found a damaged store of a sweep ({error}), expected one that pdssjax made; begin anew with "
-            "--overwrite."
-        ) from None
 
 
 def _name_blocks(blocks: set[int]) -> str:
@@ -272,10 +265,7 @@ def _open_group(place: Path) -> Group:
 
 
 def _plan_to_resume(place: Path, group: Group, document: Document, plan: BlockPlan) -> BlockPlan:
-    """The plan of the store, which is `plan` or has the same points in other blocks; new points are made room for.
-
-    **Raises:** `InputError` that says what differs where the store is that of another sweep.
-    """
+    """The plan of the store, which is `plan` or has the same points in other blocks; new points are made room for."""
     other = differences(document, group.attrs["job"])
     points = int(group.attrs["points"])
     # Begun on a machine with other devices, it goes on in the blocks that it has.

@@ -33,11 +33,14 @@ WORTH_KNOWING = 0.3
 
 def format_report(estimate: Estimate) -> str:
     """The whole report, in ASCII apart from what the study's own title and names contain."""
+    pairs = strongest_pairs(estimate.names, estimate.correlation, WORTH_KNOWING)
+    rows = [[f"C({path}, {other})", f"{value:+.3f}"] for path, other, value in pairs]
+    correlations = aligned_table("<>", rows) if rows else "    none\n"
     parts = [
         heading(estimate.title) + _outcome(estimate) + _statistics(estimate),
         heading("Parameters") + _parameters(estimate),
         format_records(estimate.records),
-        heading(f"Correlations of size {WORTH_KNOWING:g} or more") + _correlations(estimate),
+        heading(f"Correlations of size {WORTH_KNOWING:g} or more") + correlations,
     ]
     if estimate.diagnosis is not None and len(estimate.diagnosis.combinations) > 1:
         parts.append(format_diagnosis(estimate.diagnosis))
@@ -68,15 +71,20 @@ def _outcome(estimate: Estimate) -> str:
 
 def _statistics(estimate: Estimate) -> str:
     statistics = estimate.statistics
-    fitted = sum(record.role == "fit" for record in estimate.records)
+    fitted = [record for record in estimate.records if record.role == "fit"]
     apart = f", and {statistics.measured_apart} measured apart" if statistics.measured_apart else ""
+    silent = sum(record.noise_estimated for record in fitted)
+    mixed = f" (noise estimated from the residuals in {silent} of {len(fitted)} records)" if silent else ""
+    reduced_chi2 = f"{statistics.reduced_chi2:.6g}{mixed}"
+    if statistics.noise_estimated:  # then it is 1 by construction
+        reduced_chi2 = "- (noise estimated from these residuals)"
     lines = [
-        ("records fitted", f"{fitted} of {len(estimate.records)}"),
+        ("records fitted", f"{len(fitted)} of {len(estimate.records)}"),
         ("samples fitted", f"{statistics.samples}{apart}"),
         ("free parameters", f"{len(estimate.names)}, with offsets {statistics.free}"),
         ("iterations", f"{statistics.iterations} ({statistics.evaluations} evaluations, {estimate.seconds:.1f} s)"),
         ("chi-square", f"{statistics.chi2:.6g}"),
-        ("reduced chi-square", _reduced_chi2(estimate)),
+        ("reduced chi-square", reduced_chi2),
         ("Akaike criterion", f"{statistics.aic:.6g}"),
         ("Bayesian criterion", f"{statistics.bic:.6g}"),
     ]
@@ -87,16 +95,6 @@ def _statistics(estimate: Estimate) -> str:
     if estimate.check is not None:
         lines.append(("check", estimate.check.sentence))
     return "".join(f"    {name:<19}= {text}\n" for name, text in lines)
-
-
-def _reduced_chi2(estimate: Estimate) -> str:
-    """Reduced chi-square as text; "-" where it is 1 by construction."""
-    fitted = [record for record in estimate.records if record.role == "fit"]
-    silent = sum(record.noise_estimated for record in fitted)
-    if estimate.statistics.noise_estimated:
-        return "- (noise estimated from these residuals)"
-    mixed = f" (noise estimated from the residuals in {silent} of {len(fitted)} records)" if silent else ""
-    return f"{estimate.statistics.reduced_chi2:.6g}{mixed}"
 
 
 def _parameters(estimate: Estimate) -> str:
@@ -185,20 +183,6 @@ def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
     ]
 
 
-def _correlations(estimate: Estimate) -> str:
-    pairs = strongest_pairs(estimate.names, estimate.correlation, WORTH_KNOWING)
-    if not pairs:
-        return "    none\n"
-    return aligned_table("<>", [[f"C({path}, {other})", f"{value:+.3f}"] for path, other, value in pairs])
-
-
-_MOST_PRODUCTS = 3
-"""Number of combinations listed, of the least and of the best determined ones each."""
-
-_PARTS = 4
-"""Most parameters of a combination that are named."""
-
-
 def format_diagnosis(diagnosis: Diagnosis) -> str:
     """The worst and the best determined products of powers of parameters, with their relative standard errors."""
     least, best = ranked_products(diagnosis)
@@ -212,11 +196,10 @@ def format_diagnosis(diagnosis: Diagnosis) -> str:
 
 
 def ranked_products(diagnosis: Diagnosis, times: str = "  ") -> tuple[list[list[str]], list[list[str]]]:
-    """Rows of the products that are determined least, and of those that are best: each with its relative error."""
+    """Rows of the three products that are determined least, and of the three best: each with its relative error."""
     ranked = sorted(diagnosis.combinations, key=lambda found: -found.relative_error)
-    best = ranked[max(_MOST_PRODUCTS, len(ranked) - _MOST_PRODUCTS) :][::-1]
     row = lambda each: [_product(each, times), f"{100 * each.relative_error:.2g} %"]
-    return list(map(row, ranked[:_MOST_PRODUCTS])), list(map(row, best))
+    return list(map(row, ranked[:3])), list(map(row, ranked[3:][-3:][::-1]))
 
 
 def remedy_gains(remedy: Remedy) -> str:
@@ -227,7 +210,7 @@ def remedy_gains(remedy: Remedy) -> str:
 def _product(combination: Combination, times: str) -> str:
     """Text of a combination, such as "friction.sigma1_b  friction.f_ss_b^-0.42"."""
     parts = [path if abs(e - 1.0) < 0.005 else f"{path}^{e:.2f}" for path, e in combination.exponents.items()]
-    return times.join([*parts[:_PARTS], *["..."] * (len(parts) > _PARTS)])
+    return times.join([*parts[:4], *["..."] * (len(parts) > 4)])
 
 
 def format_amplification(amplification: Amplification) -> str:
@@ -297,18 +280,11 @@ def _draws_row(drawn: ParameterDraws, parameter: FittedParameter, posterior: boo
         interval(drawn.percentile),
     ]
     if posterior:
-        return [*row, "-" if drawn.rhat is None else f"{drawn.rhat:.3f}", _count(drawn)]
-    return [
-        *row,
-        "-" if drawn.basic is None else interval(drawn.basic),
-        rounded(parameter.standard_error * factor, places),
-    ]
-
-
-def _count(drawn: ParameterDraws) -> str:
-    """Text of the smaller effective sample size, of the middle or of the tails; "-" where none is known."""
-    known = [size for size in (drawn.effective, drawn.effective_tails) if size is not None]
-    return f"{min(known):.0f}" if known else "-"
+        sizes = [size for size in (drawn.effective, drawn.effective_tails) if size is not None]
+        rhat = "-" if drawn.rhat is None else f"{drawn.rhat:.3f}"
+        return [*row, rhat, f"{min(sizes):.0f}" if sizes else "-"]
+    mirrored = "-" if drawn.basic is None else interval(drawn.basic)
+    return [*row, mirrored, rounded(parameter.standard_error * factor, places)]
 
 
 def format_profiles(profiles: Sequence[Profile], parameters: Mapping[str, FittedParameter]) -> str:
@@ -317,14 +293,11 @@ def format_profiles(profiles: Sequence[Profile], parameters: Mapping[str, Fitted
     Free parameters without a profile are there, too, held by a bound at the estimate or without information.
     """
     rows = [["", "verdict", "below", "above", "quality"]]
+    ratio = lambda verdict, square: f"{math.sqrt(square):.2f}" if verdict == "bounded" else "-"
     for profile in profiles:
-        low, high = parameters[profile.path].verdicts or ("", "")
+        verdicts, ends = parameters[profile.path].verdicts or ("", ""), profile.linear[[0, -1]] / profile.threshold
         quality = "-" if math.isnan(profile.quality) else f"{profile.quality:.2f}"
-        ends = [
-            _ratio(low, profile.linear[0] / profile.threshold),
-            _ratio(high, profile.linear[-1] / profile.threshold),
-        ]
-        rows.append([profile.path, profile.verdict, *ends, quality])
+        rows.append([profile.path, profile.verdict, *map(ratio, verdicts, ends), quality])
     told = {profile.path for profile in profiles}
     for path, parameter in parameters.items():
         if parameter.free and path not in told and (parameter.at_bound or not parameter.identifiable):
@@ -337,13 +310,6 @@ def format_profiles(profiles: Sequence[Profile], parameters: Mapping[str, Fitted
     return heading("Profiles of chi-square") + aligned_table("<<>>>", rows) + legend
 
 
-def _ratio(verdict: str, square: float) -> str:
-    return f"{math.sqrt(square):.2f}" if verdict == "bounded" else "-"
-
-
-_NAIVE = "    naive: error with the earlier step taken as exact; corrected: with its errors included.\n"
-
-
 def format_comparison(joint: Estimate, *others: Estimate) -> str:
     """Fits side by side: the values of each parameter, a line per method, with and without errors of the earlier step.
 
@@ -352,7 +318,8 @@ def format_comparison(joint: Estimate, *others: Estimate) -> str:
     estimates = [joint, *others]
     head = ["", "", "unit", "value", "+/- naive", "+/- corrected", "shift/sigma"]
     rows = [row for path in joint.names for row in _method_rows(path, estimates)]
-    legend = f"{_NAIVE}    shift/sigma: distance from the joint fit's value, in corrected standard errors.\n"
+    legend = "    naive: error with the earlier step taken as exact; corrected: with its errors included.\n"
+    legend += "    shift/sigma: distance from the joint fit's value, in corrected standard errors.\n"
     *ways, last = [estimate.method for estimate in estimates]
     title = heading(f"{', '.join(ways)} and {last} side by side".capitalize())
     effects = [format_effects(other.amplification) for other in others[:1] if other.amplification is not None]
