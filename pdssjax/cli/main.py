@@ -1,10 +1,4 @@
-"""The command `pdssjax`: its options, and its exit status.
-
-0 success; 2 the input is at fault, or the installed JAX computes wrongly; 3 a fit did not converge or does not explain
-its records (its result is written), or no model, sweep point or record could be computed; 4 results could not be
-written to the folder asked for (the last lines say where they are).  Interrupted: 130 (Ctrl-C), 143 (SIGTERM) or 129
-(SIGHUP); a fit then leaves its best point so far in its folder, marked.
-"""
+"""The command `pdssjax`: its options, and its exit status, which `pdssjax --help` lists."""
 
 import argparse
 import contextlib
@@ -127,10 +121,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _check_values(given: Sequence[str]) -> None:
-    """**Raises** `InputError` for an option with "--" as its value, which argparse takes away without a look.
-
-    So it does for a NUL, which no name of a file has.
-    """
+    """Refuse "--" as the value of an option, which argparse takes away without a look, and a NUL, which no file has."""
     for argument in given:
         if "\0" in argument:
             raise InputError(f"argument {argument!r:.80}: found a NUL character, expected none.")

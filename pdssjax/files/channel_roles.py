@@ -31,9 +31,6 @@ _NAMES = {
 _SYMBOLS = {"time": ("t",), "voltage": ("u",), "displacement": ("x",), "velocity": ("xdot", "xd"), "force": ("f",)}
 """Names as they stand in equations, which arrays of MATLAB often have."""
 
-_OTHERS = {"N": "force", "m/s^2": "acceleration"}
-"""Units that a study reads, but that are not guessed."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Hints:
@@ -130,14 +127,6 @@ def friction_roles(file: Path, hints: Hints) -> Roles | None:
     return search.found(needs_clock=False)
 
 
-def name_for_study(channel: Channel, channels: Sequence[Channel]) -> str | int:
-    """The name of a channel where it has one of its own, else its number."""
-    for name in (channel.name, channel.written):
-        if name and name != str(channel.number) and [c for c in channels if name in (c.name, c.written)] == [channel]:
-            return name
-    return channel.number
-
-
 def _called(channel: Channel, quantity: str) -> bool:
     """Whether a channel's name, the last part of its path, says the `quantity`."""
     name = channel.name.rpartition("/")[2].strip().lower()
@@ -170,10 +159,18 @@ class _RoleSearch:
 
     def found(self, needs_clock: bool = True) -> Roles:
         """The roles of the channels that were chosen."""
-        columns = {quantity: name_for_study(channel, self.channels) for quantity, channel in self.chosen.items()}
+        columns = {quantity: self._name(channel) for quantity, channel in self.chosen.items()}
         given = self.hints
         layout = Layout(columns, SI, given.units, given.scales, given.interval, 0.0, given.decimal, needs_clock)
         return Roles(self.file, self.chosen, frozenset(self.guessed), layout)
+
+    def _name(self, channel: Channel) -> str | int:
+        """The name of a channel where it has one of its own, else its number."""
+        for name in (channel.name, channel.written):
+            alike = [other for other in self.channels if name in (other.name, other.written)]
+            if name and name != str(channel.number) and alike == [channel]:
+                return name
+        return channel.number
 
     def is_clocked(self) -> bool:
         """Whether the file, or an option, tells the times without a channel of them."""
@@ -181,22 +178,20 @@ class _RoleSearch:
 
     def motion(self) -> str:
         """What the file holds of a motion: a displacement, or where it has none, a velocity."""
-        told = [quantity for quantity in ("displacement", "velocity") if quantity in self.hints.columns]
-        if len(told) == 2:
+        given = [quantity for quantity in ("displacement", "velocity") if quantity in self.hints.columns]
+        if len(given) == 2:
             raise InputError(f"{self.file}: found both --displacement and --velocity, expected one of them.")
-        if told:
-            return told[0]
         has = lambda unit: any(channel.measures(unit) for channel in self.channels)
-        if has(SI["displacement"]) or not any(map(has, (SI["velocity"], *_OTHERS))):
-            return "displacement"
-        if has(SI["velocity"]):
-            return "velocity"
-        unit, kind = next((unit, kind) for unit, kind in _OTHERS.items() if has(unit))
-        raise InputError(
-            f"{self.file}: found no displacement or velocity, but a channel in {unit}, of which nothing is guessed: "
-            f'leave the file out, and add a [[record]] with measures = "{kind}" to the study that is made '
-            '("What can be measured" in docs/study-file.md), or name a motion by --displacement.'
-        )
+        if known := given or [quantity for quantity in ("displacement", "velocity") if has(SI[quantity])]:
+            return known[0]
+        for unit, kind in (("N", "force"), ("m/s^2", "acceleration")):
+            if has(unit):
+                raise InputError(
+                    f"{self.file}: found no displacement or velocity, but a channel in {unit}, of which nothing is "
+                    f'guessed: leave the file out, and add a [[record]] with measures = "{kind}" to the study that is '
+                    'made ("What can be measured" in docs/study-file.md), or name a motion by --displacement.'
+                )
+        return "displacement"
 
     def choose(self, quantity: str, shaped: Callable[[Channel], bool]) -> None:
         """Choose the channel of a `quantity`, one that is `shaped` like it where no unit tells which."""

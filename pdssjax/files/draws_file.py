@@ -27,6 +27,7 @@ from ..core import Document, InputError, InputWarning
 from ..study import Draws
 from .json_text import finite_numbers
 from .reading_process import Pairs, answers
+from .record_results import write_columns
 from .results_folder import DRAWS, write_whole
 
 FORMAT = "pdssjax-draws/5"
@@ -173,9 +174,9 @@ _FILES = {"bootstrap": "bootstrap.csv", "posterior": "posterior.nc"}
 def write_draws(draws: Draws, units: dict[str, str], folder: Path) -> None:
     """Put all draws into `folder`; `units` by path of the parameter."""
     if draws.kind == "bootstrap":
-        head = ",".join(f"{path} [{units[path]}]" if units[path] else path for path in draws.names)
-        file = folder / _FILES["bootstrap"]
-        np.savetxt(file, draws.values[0], "%.10g", ",", header=head, comments="", encoding="utf-8")
+        named = [f"{path} [{units[path]}]" if units[path] else path for path in draws.names]
+        columns = dict(zip(named, draws.values[0].T, strict=True))
+        write_columns(folder / _FILES["bootstrap"], columns, "%.10g")
     else:
         _write_posterior(draws, units, folder / _FILES["posterior"])
 

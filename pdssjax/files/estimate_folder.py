@@ -12,15 +12,7 @@ from jaxtyping import AbstractArray
 
 from ..core import Document, InputError, choices, member
 from ..report.page import Illustration, Page, Section, estimate_page
-from ..study import (
-    Draws,
-    Estimate,
-    FittedParameter,
-    FittedRecord,
-    Multistart,
-    ParameterDraws,
-    ParameterError,
-)
+from ..study import Draws, Estimate, FittedParameter, FittedRecord, Multistart, ParameterDraws, ParameterError
 from .draws_file import read_draws
 from .estimate_results import read_estimate
 from .record_results import COMPARED, VOLTAGE, file_stems, prescribed_column

@@ -71,14 +71,12 @@ def _values(document: Document, study: Study, file: Path) -> dict[str, float]:
     table, legal = Table(document, str(file)), study.legal()
     if "actuator" in document:  # older versions wrote none
         study.models.check_same(table.table("actuator", 'a table such as { "friction": "lugre" }').entries, str(file))
-    parameters = table.table("parameters", "a table of parameters")
+    parameters, numbers = table.table("parameters", "a table of parameters"), {}
     for path in parameters.entries:
         if path not in legal:
             raise InputError(
                 f'{file}: found the parameter "{path}", which {study.path} has not; {nearest(path, legal)}'
             )
-    numbers = {}
-    for path in parameters.entries:
         entry, unit = parameters.table(path, 'a table such as { "value": 0.1 }'), legal[path].unit
         if entry.entries.get("unit", unit) != unit:
             raise InputError(f'{entry.at("unit")}: found {json.dumps(entry.entries["unit"])}, expected "{unit}".')
@@ -198,34 +196,17 @@ def _draws_document(draws: Draws) -> Document:
 
 def write_estimate(estimate: Estimate, folder: Path) -> None:
     """Put `estimate.json`, `report.txt`, plots and predictions into `folder`, in place of older ones."""
-    from ..report.figures import (
-        amplification_figure,
-        correlation_figure,
-        draws_figure,
-        error_figure,
-        multistart_figure,
-        profile_figure,
-        residual_split_figure,
-        save_figure,
-    )
+    from ..report.figures import parameter_figures, residual_split_figure, save_figure
 
     with staging_folder(folder) as staging:
         _write_essentials(estimate, staging)
         write_records(estimate.records, staging)
-        plots = staging / "plots"
-        if len(estimate.names) > 1:
-            save_figure(correlation_figure(estimate), plots / "correlations.png")
-        save_figure(error_figure(estimate), plots / "standard_errors.png")
         if estimate.draws is not None:
             units = {path: parameter.unit for path, parameter in estimate.parameters.items()}
             write_draws(estimate.draws, units, staging)
-            save_figure(draws_figure(estimate), plots / "draws.png")
-        if estimate.multistart is not None:
-            save_figure(multistart_figure(estimate.multistart), plots / "multistart.png")
-        if estimate.profiles:
-            save_figure(profile_figure(estimate.profiles, estimate.parameters), plots / "profiles.png")
-        if estimate.amplification is not None:
-            save_figure(amplification_figure(estimate.amplification), plots / "amplification.png")
+        plots, names = staging / "plots", {"errors": "standard_errors", "starts": "multistart"}
+        for name, draw in parameter_figures(estimate).items():
+            save_figure(draw(), plots / f"{names.get(name, name)}.png")
         (plots / "residuals").mkdir()
         for stem, record in zip(file_stems(record.name for record in estimate.records), estimate.records, strict=True):
             if record.role == "fit" and record.simulated:

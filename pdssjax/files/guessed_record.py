@@ -81,44 +81,36 @@ def _timing(guess: RecordGuess) -> Timing:
 
 def open_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
     """Lines of a study's parameters for those of the named records that leave something open."""
-    return [*_flank_parameters(named), *_voltage_parameters(named)]
-
-
-def _voltage_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
-    unsure = [(name, guess) for name, guess in named if has_uncertain_voltage(guess)]
-    if not unsure:
-        return []
-    # A sweep, which belongs to no record, takes that of the first walk.
-    first = next((guess for _, guess in unsure if guess.measures == "effector"), unsure[0][1])
-    lines = [f'"drive.voltage" = {{ value = "{numbers_of(first)["voltage"]:.10g} V" }}  # of a record without one']
-    for name, guess in unsure:
-        told = f'"{numbers_of(guess)["voltage"]:.10g} V", standard_error = "{guess.waveform.voltage_error:.3g} V"'
-        path = quoted(f"drive.voltage@{condition_of(name)}")
-        lines.append(f"{path} = {{ value = {told} }}  # by its samples and their noise")
-    return lines
-
-
-def _flank_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
-    open_records = [(name, guess) for name, guess in named if has_open_flanks(guess)]
-    if not open_records:
-        return []
-    lines = ['"sensor.delay" = { value = 0 }']
-    if any(guess.waveform.name == "step" for _, guess in open_records):
+    lines: list[str] = []
+    under = lambda path, name: quoted(f"{path}@{condition_of(name)}")
+    flanks = [(name, guess) for name, guess in named if has_open_flanks(guess)]
+    if flanks:
+        lines.append('"sensor.delay" = { value = 0 }')
+    if any(guess.waveform.name == "step" for _, guess in flanks):
         lines.append('"drive.rise_time" = { value = 0 }')
-    for name, guess in open_records:
-        held = lambda path, name=name: quoted(f"{path}@{condition_of(name)}")
+    for name, guess in flanks:
         flank = _FLANK[guess.waveform.name]
         shortest, longest, within, errors = _timing(guess)
         if errors is None:
-            told = "# as far as the voltage tells"
+            origin = "as far as the voltage tells"
             # The standard deviation of a number that may lie anywhere between bounds.
             duration = _about(0.5 * (shortest + longest), (longest - shortest) / math.sqrt(12.0))
             delay = _about(within, within / math.sqrt(3.0))
         else:
-            told = "# by the samples on the flanks"
+            origin = "by the samples on the flanks"
             duration = _about(guess.waveform.numbers[flank.partition(".")[2]], errors[0])
             delay = _about(within, errors[1])
-        lines += [f"{held(flank)} = {duration}  {told}", f"{held('sensor.delay')} = {delay}  # of the drive's start"]
+        lines.append(f"{under(flank, name)} = {duration}  # {origin}")
+        lines.append(f"{under('sensor.delay', name)} = {delay}  # of the drive's start")
+    unsure = [(name, guess) for name, guess in named if has_uncertain_voltage(guess)]
+    volts = lambda guess: f"{numbers_of(guess)['voltage']:.10g} V"
+    if unsure:
+        # A sweep, which belongs to no record, takes that of the first walk.
+        first = next((guess for _, guess in unsure if guess.measures == "effector"), unsure[0][1])
+        lines.append(f'"drive.voltage" = {{ value = "{volts(first)}" }}  # of a record without one')
+    for name, guess in unsure:
+        value = f'value = "{volts(guess)}", standard_error = "{guess.waveform.voltage_error:.3g} V"'
+        lines.append(f"{under('drive.voltage', name)} = {{ {value} }}  # by its samples and their noise")
     return lines
 
 

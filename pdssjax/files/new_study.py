@@ -199,9 +199,7 @@ def _parameters(records: Sequence[NewRecord], rig: RigOptions, piezo: str, frict
         why = "  # guess: WEIGH IT; with another, stiffness, damping and force scale alike"
         mass, why = ("100 g", why) if rig.mass is None else (f"{1e3 * rig.mass:.6g} g", "")
         lines.append(f'"effector.mass" = {{ value = "{mass}" }}{why}')
-    needed = lambda family, name: [
-        f for f, declared in quantities(member(family, name)).items() if not declared.optional
-    ]
+    needed = lambda family, name: [f for f, q in quantities(member(family, name)).items() if not q.optional]
     entries = dict.fromkeys(_PUT_TOGETHER[piezo] if piezo in _PUT_TOGETHER else needed("piezo", piezo), "{}")
     if piezo == "bouc-wen":
         why = "  # guess: the records are too slow to show it"
@@ -209,33 +207,24 @@ def _parameters(records: Sequence[NewRecord], rig: RigOptions, piezo: str, frict
     lines += [f'"piezo.{field}" = {entry}' for field, entry in entries.items()]
     if walks:
         lines += [f'"friction.{field}" = {{}}' for field in needed("friction", friction)]
-    opened = open_parameters([(record.name, record.guess) for record in records])
-    if not any(line.startswith('"sensor.delay"') for line in opened):
-        opened += _delay_of_jumps(records)
-    return [*lines, *_fall_time(records, walks), *opened]
-
-
-def _delay_of_jumps(records: Sequence[NewRecord]) -> list[str]:
-    """A delay within which a sampled voltage may have jumped, which the ringing tells; none without jumps."""
-    jumps = (r.guess for r in records if r.guess.waveform.name == "sampled" and _jumps(r.guess))
+    # Every sawtooth needs a fall time that leaves its flanks to the fit, of the platform alone, too.
+    sawteeth = [record.guess for record in records if record.guess.waveform.has_fast_flanks]
+    if walks or any(map(has_open_flanks, sawteeth)):
+        has_own = lambda guess: has_open_flanks(guess) or "fall_time" in guess.waveform.numbers
+        entry = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
+        if sawteeth and all(map(has_own, sawteeth)):
+            entry = "{ value = 0 }  # of a record without one of its own; below each has one"
+        if any(record.guess.volts is None for record in records):
+            entry = '{ start = "1 ms", min = 0, max = "10 ms" }  # guess: no voltage was recorded, so it is fitted'
+        lines.append(f'"drive.fall_time" = {entry}')
+    lines += open_parameters([(record.name, record.guess) for record in records])
+    # Where a sampled voltage jumps the ringing tells when it did.
+    jumps = (record.guess for record in records if record.guess.waveform.name == "sampled" and _jumps(record.guess))
     finest = min(map(sampling_interval, jumps), default=_SLOW_TICKS)
-    if finest >= _SLOW_TICKS:
-        return []
-    ends = f'start = "{0.5e6 * finest:.4g} us", min = 0, max = "{2e6 * finest:.4g} us"'
-    return [f'"sensor.delay" = {{ {ends} }}  # guess: the voltage jumps between two of its samples']
-
-
-def _fall_time(records: Sequence[NewRecord], walks: bool) -> list[str]:
-    """The usual one, which every sawtooth needs that leaves its flanks to the fit, of the platform alone, too."""
-    sawteeth = [r.guess for r in records if r.guess.waveform.has_fast_flanks]
-    if not walks and not any(has_open_flanks(guess) for guess in sawteeth):
-        return []
-    unseen = any(record.guess.volts is None for record in records)
-    fitted = '{ start = "1 ms", min = 0, max = "10 ms" }  # guess: no voltage was recorded, so it is fitted'
-    ideal = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
-    by_record = "{ value = 0 }  # of a record without one of its own; below each has one"
-    each = bool(sawteeth) and all(has_open_flanks(guess) or "fall_time" in guess.waveform.numbers for guess in sawteeth)
-    return [f'"drive.fall_time" = {fitted if unseen else by_record if each else ideal}']
+    if finest < _SLOW_TICKS and not any(line.startswith('"sensor.delay"') for line in lines):
+        ends = f'start = "{0.5e6 * finest:.4g} us", min = 0, max = "{2e6 * finest:.4g} us"'
+        lines.append(f'"sensor.delay" = {{ {ends} }}  # guess: the voltage jumps between two of its samples')
+    return lines
 
 
 def _needs_samples(guess: RecordGuess, piezo: str) -> bool:
@@ -257,7 +246,9 @@ def _with_samples(record: NewRecord) -> NewRecord:
 
 def _record(record: NewRecord, folder: Path, by_samples: bool) -> list[str]:
     guess, layout = record.guess, record.roles.layout
-    told_by = "" if record.measures_given else f"  # guess: {_WHY_MEASURES[guess.measures]}"
+    follows = "the motion follows the voltage"
+    walks = "the motion walks, or goes another way than the voltage"
+    told_by = "" if record.measures_given else f"  # guess: {follows if guess.measures == 'platform' else walks}"
     motion = record.roles.motion
     lines = record_lines(record.name, record.roles, folder, {q: q for q in ("time", "voltage", motion)})
     lines += scale_lines(layout.scales.get(motion), guess.turned, "the motion goes against the voltage")
@@ -292,10 +283,10 @@ def _record(record: NewRecord, folder: Path, by_samples: bool) -> list[str]:
         # Long beside what creeps in a record.
         lines.append('conditioning = "60 s"  # guess: so long the first voltage was held before')
     lines += [f'start = "{start:.12g} s"  # guess: {why}'] * (start != 0)
-    return [*lines, *(_samples_of_waveform(record) if by_samples else _drive(record))]
+    return [*lines, _samples_of_waveform(record) if by_samples else _drive(record)]
 
 
-def _samples_of_waveform(record: NewRecord) -> list[str]:
+def _samples_of_waveform(record: NewRecord) -> str:
     """The samples of a voltage, as the drive, with what is known of it."""
     wave = record.guess.waveform
     volts, hertz = wave.numbers["voltage"], wave.numbers.get("frequency")
@@ -304,18 +295,13 @@ def _samples_of_waveform(record: NewRecord) -> list[str]:
     of = f"{volts:.10g} V" + ("" if hertz is None else f" and {hertz:.10g} Hz") + _from_level(wave.counted_from)
     told = f"a {wave.name} of {of} leaves {100 * max(wave.misfit, 1e-4):.2g} % of them"
     why = "hysteresis under them is quicker to compute" if wave.name == "sine" else "hysteresis feels that level"
-    return [f"{drive_of_samples(record, smooth)}  # guess: {told}; {why}"]
+    return f"{drive_of_samples(record, smooth)}  # guess: {told}; {why}"
 
 
 def _from_level(level: float) -> str:
     """The level that a waveform's voltage is counted from, where that is not 0 V."""
     return f", counted from {level:.5g} V" if level else ""
 
-
-_WHY_MEASURES = {
-    "platform": "the motion follows the voltage",
-    "effector": "the motion walks, or goes another way than the voltage",
-}
 
 _WHY_START = {
     "seen": "the voltage leaves its rest there",
@@ -327,10 +313,10 @@ _WHY_START = {
 }
 
 
-def _drive(record: NewRecord) -> list[str]:
+def _drive(record: NewRecord) -> str:
     wave = record.guess.waveform
     if wave.name == "sampled":
-        return [f"{drive_of_samples(record)}  # guess: no waveform explains it, so its samples are the drive"]
+        return f"{drive_of_samples(record)}  # guess: no waveform explains it, so its samples are the drive"
     units = {"voltage": "V", "bias": "V", "phase": "rad", "frequency": "Hz", "fall_time": "s", "rise_time": "s"}
     keys = [f'waveform = "{wave.name}"'] + [f'direction = "{wave.direction}"'] * bool(wave.direction)
     keys += ['told_by = "slope"'] * (has_open_flanks(record.guess) and wave.name == "sawtooth")
@@ -343,7 +329,7 @@ def _drive(record: NewRecord) -> list[str]:
     bounds = "".join(f"; {bound}" for bound in wave.uncertain)
     level = _from_level(wave.counted_from)
     linear = f"{level}, which a stack without hysteresis does not feel" if level else ""
-    return [f"drive = {{ {', '.join(keys)} }}  # guess: {left}{linear}{bounds}"]
+    return f"drive = {{ {', '.join(keys)} }}  # guess: {left}{linear}{bounds}"
 
 
 def drive_of_samples(record: NewRecord, further: str = "") -> str:

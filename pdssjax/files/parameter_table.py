@@ -11,16 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ..core import InputError, InputWarning, Quantity, check_range, nearest, unit_given
-from ..study import (
-    MARK,
-    Constraint,
-    Parameter,
-    Record,
-    Study,
-    bounded_by_constraints,
-    chained,
-    split_path,
-)
+from ..study import MARK, Constraint, Parameter, Record, Study, bounded_by_constraints, chained, split_path
 from .toml_table import Table
 
 

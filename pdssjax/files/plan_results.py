@@ -18,7 +18,7 @@ from ..report.text import format_design
 from ..study import Study
 from .estimate_results import read_estimate, write_estimate
 from .json_text import json_text
-from .record_results import file_stems, write_csv
+from .record_results import file_stems, write_columns, write_csv
 from .results_folder import staging_folder, write_text
 from .study_copy import move_files
 
@@ -102,17 +102,17 @@ def _record(study: Study, planned: PlannedRecord, stem: str, taken: set[str]) ->
     table["noise"] = f"{planned.noise.deviation * display.scale:.6g} {display.unit}"
     if experiment.conditions:
         table["conditions"] = sorted(experiment.conditions)
-    more: dict[str, str] = {}
-    if experiment.motion is not None:
-        more = {"amplitude": f"{1e6 * experiment.motion[0]:.9g} um", "frequency": f"{experiment.motion[1]:.9g} Hz"}
-    table["sampling"] = _sampling(planned, more)
+    table["sampling"] = _sampling(planned)
     if experiment.drive is not None:
         table["drive"] = _inline(_drive(study, planned))
     return table
 
 
-def _sampling(planned: PlannedRecord, more: Mapping[str, str]) -> TomlTable:
+def _sampling(planned: PlannedRecord) -> TomlTable:
     """The windows; each ends half an interval after its last sample, so that no rounding takes or adds one."""
+    more, motion = dict[str, str](), planned.experiment.motion
+    if motion is not None:
+        more = {"amplitude": f"{1e6 * motion[0]:.9g} um", "frequency": f"{motion[1]:.9g} Hz"}
     windows = [
         {
             "start": f"{window.start:.10g} s",
@@ -169,8 +169,7 @@ def _write_drive(planned: PlannedRecord, file: Path) -> None:
             corners = corners[corners <= end]
         time = np.unique(np.concatenate([time, corners, np.maximum(corners - 1e-7, 0.0)]))
         name, values = "voltage_V", np.asarray(experiment.drive.at(time))  # pyright: ignore[reportArgumentType]
-    table = np.column_stack([time, values])
-    np.savetxt(file, table, fmt=("%.8f", "%.6g"), delimiter=",", header=f"time_s,{name}", comments="")
+    write_columns(file, {"time_s": time, name: values}, ("%.8f", "%.6g"))
 
 
 def _write_template(study: Study, planned: PlannedRecord, file: Path) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float
 
 from ..core import Display, Document, InputError, column_unit, factor
 from ..study import FittedRecord, Record, Recording, UsedNumber
@@ -45,30 +44,24 @@ def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
     (staging / "plots").mkdir()
     for stem, record in zip(file_stems(record.name for record in records), records, strict=True):
         unit, scale = record.display.unit, record.display.scale
-        table = np.column_stack([record.measured, record.predicted, record.measured - record.predicted])
-        applied = applied_columns(record)
-        np.savetxt(
-            staging / "predictions" / f"{stem}.csv",
-            np.column_stack([record.time, scale * table, *applied.values()]),
-            fmt=("%.15g", *["%.9g"] * (3 + len(applied))),
-            delimiter=",",
-            header=",".join(["time_s", *(f"{name}_{unit}" for name in COMPARED), *applied]),
-            comments="",
-        )
+        compared = zip(COMPARED, (record.measured, record.predicted, record.measured - record.predicted), strict=True)
+        columns = {"time_s": record.time, **{f"{name}_{unit}": scale * values for name, values in compared}}
+        # What was applied to the rig, as far as the record has it.
+        if record.motion is not None:
+            columns[prescribed_column(record.prescribed)] = record.prescribed.scale * record.motion
+        if record.voltage is not None:
+            columns[VOLTAGE] = record.voltage
+        write_columns(staging / "predictions" / f"{stem}.csv", columns, ["%.15g", *["%.9g"] * (len(columns) - 1)])
         save_figure(record_figure(record), staging / "plots" / f"{stem}.png")
         if record.simulated and has_loops(record):
             (staging / "plots" / "loops").mkdir(exist_ok=True)
             save_figure(loop_figure(record), staging / "plots" / "loops" / f"{stem}.png")
 
 
-def applied_columns(record: FittedRecord) -> dict[str, Float[np.ndarray, " n"]]:
-    """What was applied to the rig in the unit of the column, by the column's name, as far as the record has it."""
-    columns = {}
-    if record.motion is not None:
-        columns[prescribed_column(record.prescribed)] = record.prescribed.scale * record.motion
-    if record.voltage is not None:
-        columns[VOLTAGE] = record.voltage
-    return columns
+def write_columns(file: Path, columns: Mapping[str, np.ndarray], formats: str | Sequence[str]) -> None:
+    """Write `columns` of numbers, by their names, as a CSV file."""
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(file, table, formats, ",", header=",".join(columns), comments="", encoding="utf-8")
 
 
 VOLTAGE = "voltage_V"
@@ -147,9 +140,7 @@ def write_csv(recording: Recording, study: Path, file: Path) -> None:
     data = {"time": record.time + record.start, measurement.quantity: record.measured}
     if measurement.prescribed is not None:
         data[measurement.prescribed] = record.motion
-    table = np.column_stack([np.asarray(data[quantity]) / scales[quantity] for quantity in record.columns])
-    # A clock that began long ago needs all digits to tell its samples apart.
-    formats = ["%.15g" if quantity == "time" else "%.9g" for quantity in record.columns]
-    header = ",".join(name for name, _ in record.columns.values())
+    columns = {name: np.asarray(data[quantity]) / scales[quantity] for quantity, (name, _) in record.columns.items()}
     file.parent.mkdir(parents=True, exist_ok=True)
-    np.savetxt(file, table, fmt=formats, delimiter=",", header=header, comments="", encoding="utf-8")
+    # A clock that began long ago needs all digits to tell its samples apart.
+    write_columns(file, columns, ["%.15g" if quantity == "time" else "%.9g" for quantity in record.columns])

@@ -92,10 +92,7 @@ def _is_study(path: Path) -> bool:
 
 
 def _text(
-    source: Path,
-    target: Path,
-    values: Mapping[str, float],
-    drives: Mapping[str, Mapping[str, float | str]],
+    source: Path, target: Path, values: Mapping[str, float], drives: Mapping[str, Mapping[str, float | str]]
 ) -> str:
     before, known = source.read_text(encoding="utf-8-sig"), load_study(source).parameters
     document = tomlkit.parse(re.sub(rf"\A{re.escape(_HEAD)}.*\n", "", before))

@@ -15,14 +15,7 @@ from ..friction.base import AbstractFriction
 from ..integration import SOLVERS
 from ..piezo import DYNAMICS, HYSTERESES, MOST, Composition
 from ..piezo.base import AbstractPiezo
-from ..study import (
-    Record,
-    Study,
-    drive_with,
-    paths_in,
-    shared_fields,
-    split_path,
-)
+from ..study import Record, Study, drive_with, paths_in, shared_fields, split_path
 from .parameter_table import read_constraints, read_parameters
 from .record_table import read_record
 from .toml_table import Table

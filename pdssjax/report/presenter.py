@@ -58,23 +58,12 @@ def as_figure(shown: object, what: str | None = None) -> Figure:
 
 
 def _estimate_figure(estimate: Estimate, what: str | None) -> Figure:
-    from . import figures
-    from .figures import amplification_figure, correlation_figure, error_figure
+    from .figures import estimate_figure, parameter_figures, record_figure
 
     if what is None:
-        return figures.estimate_figure(estimate)
-    known = {"errors": lambda: error_figure(estimate)}
-    if len(estimate.names) > 1:
-        known["correlations"] = lambda: correlation_figure(estimate)
-    if estimate.profiles:
-        known["profiles"] = lambda: figures.profile_figure(estimate.profiles, estimate.parameters)
-    if estimate.draws is not None:
-        known["draws"] = lambda: figures.draws_figure(estimate)
-    if (starts := estimate.multistart) is not None:
-        known["starts"] = lambda: figures.multistart_figure(starts)
-    if (amplification := estimate.amplification) is not None:
-        known["amplification"] = lambda: amplification_figure(amplification)
-    known |= {record.name: lambda record=record: figures.record_figure(record) for record in estimate.records}
+        return estimate_figure(estimate)
+    known = parameter_figures(estimate)
+    known |= {record.name: lambda record=record: record_figure(record) for record in estimate.records}
     if what not in known:
         raise InputError(f'plot: found "{what}", expected one of {", ".join(known)}.')
     return known[what]()

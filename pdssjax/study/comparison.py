@@ -7,16 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core import LENGTH, Display, equal_by_value
-from ..metrics import (
-    LackOfFit,
-    error_index,
-    lack_of_fit,
-    outliers,
-    r_squared,
-    rmse,
-    rounding_of_counts,
-    scatter_floor,
-)
+from ..metrics import LackOfFit, error_index, lack_of_fit, outliers, r_squared, rmse, rounding_of_counts, scatter_floor
 from .record import Record
 
 

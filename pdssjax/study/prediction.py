@@ -19,13 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..core import Count, Given, Tree, Truth, as_number, kept_jit
 from ..drive.base import AbstractDrive
 from ..integration import AbstractHybridSystem, Accuracy
-from ..simulation import (
-    Scratch,
-    samples_and_slopes,
-    scratch,
-    sensor_samples,
-    why_failed,
-)
+from ..simulation import Scratch, samples_and_slopes, scratch, sensor_samples, why_failed
 from .models import Models, Values
 from .parameter import under_conditions
 from .record import Record
@@ -222,10 +216,7 @@ class Predictor(eqx.Module):
 
 
 def predicted(
-    predictor: Predictor,
-    values: Values,
-    accuracy: Accuracy,
-    used: Bool[Array | np.ndarray, " records"] | None = None,
+    predictor: Predictor, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"] | None = None
 ) -> list[Float[Array, " samples"]]:
     """Predictions by `predictor` of the records that are `used`, by default all, compiled once for all callers."""
     numbers: dict[str, Given] = {path: as_number(number) for path, number in values.items()}

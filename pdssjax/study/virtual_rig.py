@@ -15,9 +15,6 @@ from .record import Record
 from .simulation_failure import failure_cause
 from .study import Study
 
-_WANDERS = 0.1
-"""Zeros of records whose offset is free lie within this share of the record's range."""
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Recording:
@@ -50,7 +47,7 @@ def make_recordings(study: Study, seed: int = 0) -> list[Recording]:
         random = np.random.default_rng([seed, *record.name.encode()])
         offset = record.offset
         if offset is None:
-            offset = float(random.uniform(-_WANDERS, _WANDERS) * np.ptp(true))
+            offset = float(random.uniform(-0.1, 0.1) * np.ptp(true))
         shown = true + offset + random.normal(0.0, record.noise or 0.0, true.size)
         if record.resolution:
             shown = np.round(shown / record.resolution) * record.resolution

@@ -1,6 +1,6 @@
 """Figures of what an estimate says of its parameters: errors, correlations, amplification, ways side by side."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +10,23 @@ from matplotlib.figure import Figure
 from ...inference import half_width_95
 from ...study import NEGLIGIBLE_AMPLIFICATION, Amplification, Estimate, FittedParameter
 from ._style import BLUE, GREEN, GREY, VERMILION, styled_figure
+from .intervals import draws_figure, multistart_figure, profile_figure
+
+
+def parameter_figures(estimate: Estimate) -> dict[str, Callable[[], Figure]]:
+    """What an estimate has figures of beside its records, by name; each is drawn when it is called."""
+    figures: dict[str, Callable[[], Figure]] = {"errors": lambda: error_figure(estimate)}
+    if len(estimate.names) > 1:
+        figures["correlations"] = lambda: correlation_figure(estimate)
+    if estimate.profiles:
+        figures["profiles"] = lambda: profile_figure(estimate.profiles, estimate.parameters)
+    if estimate.draws is not None:
+        figures["draws"] = lambda: draws_figure(estimate)
+    if (starts := estimate.multistart) is not None:
+        figures["starts"] = lambda: multistart_figure(starts)
+    if (amplification := estimate.amplification) is not None:
+        figures["amplification"] = lambda: amplification_figure(amplification)
+    return figures
 
 
 def error_figure(estimate: Estimate) -> Figure:

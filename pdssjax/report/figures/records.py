@@ -16,28 +16,45 @@ from ._style import BLUE, GREY, VERMILION, YELLOW, fixed_ticks, styled_figure
 
 def record_figure(record: FittedRecord) -> Figure:
     """Measured against predicted over residuals; to the right, the liveliest moment enlarged."""
-    moment = liveliest_moment(record.time, record.measured)
-    span = record.time[moment][[0, -1]]
+    scale, unit = _shown(record)
+    measured, predicted, residuals = scale * record.measured, scale * record.predicted, _residual(record)
+    quality = f"r² {record.r2:.7g}, error index {scale * record.error_index:.3g} {unit}"
+    if np.isfinite(record.reduced_chi2):
+        quality += f", chi-square per sample {record.reduced_chi2:.3g}"
+    if not record.simulated:
+        quality = "the simulation failed"
+    role = "fitted" if record.role == "fit" else "not fitted"
     with styled_figure(7.4, 4.6) as figure:
-        ((motion, near), (residual, near_residual)) = figure.subplots(
-            2, 2, sharex="col", height_ratios=(2, 1), width_ratios=(3, 2)
-        )
-        _draw_overview(motion, residual, record)
+        ratios = {"height_ratios": (2, 1), "width_ratios": (3, 2)}
+        ((motion, near), (residual, near_residual)) = figure.subplots(2, 2, sharex="col", **ratios)
+        motion.plot(record.time, measured, color=GREY, linewidth=2.4, label="measured")
+        motion.plot(record.time, predicted, color=VERMILION, linewidth=0.9, label="predicted")
+        motion.set_ylabel(f"{record.display.quantity} ({unit})")
+        motion.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.0)
+        residual.plot(record.time, residuals, color=BLUE, linewidth=0.6)
+        residual.set_ylabel(f"residual ({unit})")
+        residual.set_xlabel("time (s)")
         if record.motion is not None:
             _draw_loops(near, near_residual, record, record.motion)
         else:
-            _draw_moment(near, near_residual, record, moment)
+            moment = liveliest_moment(record.time, record.measured)
+            time = 1e3 * record.time[moment]
+            near.plot(time, measured[moment], "o", color=GREY, fillstyle="none", markersize=4.5)
+            near.plot(time, predicted[moment], ".-", color=VERMILION, linewidth=0.9, markersize=3)
+            near.set_title("the shaded moment", loc="left")
+            near_residual.plot(time, residuals[moment], ".-", color=BLUE, linewidth=0.7, markersize=3)
+            near_residual.set_xlabel("time (ms)")
             for panel in (motion, residual):
-                panel.axvspan(*span, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
+                panel.axvspan(*record.time[moment][[0, -1]], color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
         if np.isfinite(record.noise):
-            scale, unit = _shown(record)
             residual.set_ylabel(f"residual ({unit}),\n± 2 noise in grey")
+            band = 2.0 * scale * record.noise
             for panel in (residual, near_residual):
-                band = 2.0 * scale * record.noise
                 panel.axhspan(-band, band, color="0.9", linewidth=0, zorder=-1)
         fixed_ticks(6, motion, near)
         fixed_ticks(4, residual, near_residual)
-        figure.suptitle(_caption(record), x=0.01, ha="left", fontsize=10.0, wrap=True)
+        title = f"{record.name}\n{record.measures}, {role}, {quality}"
+        figure.suptitle(title, x=0.01, ha="left", fontsize=10.0, wrap=True)
         figure.align_ylabels((motion, residual))
     return figure
 
@@ -51,27 +68,6 @@ def liveliest_moment(time: Float[np.ndarray, " n"], measured: Float[np.ndarray, 
     width = max(60 * np.median(np.diff(time)), (time[-1] - time[0]) / 60)
     jump = time[np.argmax(np.abs(np.diff(measured) / np.diff(time)))]
     return (time >= jump - 0.15 * width) & (time <= jump + 0.85 * width)
-
-
-def _draw_overview(motion: Axes, residual: Axes, record: FittedRecord) -> None:
-    scale, unit = _shown(record)
-    motion.plot(record.time, scale * record.measured, color=GREY, linewidth=2.4, label="measured")
-    motion.plot(record.time, scale * record.predicted, color=VERMILION, linewidth=0.9, label="predicted")
-    motion.set_ylabel(f"{record.display.quantity} ({unit})")
-    motion.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.0)
-    residual.plot(record.time, _residual(record), color=BLUE, linewidth=0.6)
-    residual.set_ylabel(f"residual ({unit})")
-    residual.set_xlabel("time (s)")
-
-
-def _draw_moment(motion: Axes, residual: Axes, record: FittedRecord, moment: np.ndarray) -> None:
-    scale, _ = _shown(record)
-    time = 1e3 * record.time[moment]
-    motion.plot(time, scale * record.measured[moment], "o", color=GREY, fillstyle="none", markersize=4.5)
-    motion.plot(time, scale * record.predicted[moment], ".-", color=VERMILION, linewidth=0.9, markersize=3)
-    motion.set_title("the shaded moment", loc="left")
-    residual.plot(time, _residual(record)[moment], ".-", color=BLUE, linewidth=0.7, markersize=3)
-    residual.set_xlabel("time (ms)")
 
 
 def _draw_loops(force: Axes, residual: Axes, record: FittedRecord, motion: Float[np.ndarray, " n"]) -> None:
@@ -93,15 +89,6 @@ def _shown(record: FittedRecord) -> tuple[float, str]:
 
 def _residual(record: FittedRecord) -> Float[np.ndarray, " n"]:
     return _shown(record)[0] * (record.measured - record.predicted)
-
-
-def _caption(record: FittedRecord) -> str:
-    scale, unit = _shown(record)
-    quality = f"r² {record.r2:.7g}, error index {scale * record.error_index:.3g} {unit}"
-    if np.isfinite(record.reduced_chi2):
-        quality += f", chi-square per sample {record.reduced_chi2:.3g}"
-    role = "fitted" if record.role == "fit" else "not fitted"
-    return f"{record.name}\n{record.measures}, {role}, {quality if record.simulated else 'the simulation failed'}"
 
 
 def study_figure(study: Study) -> Figure:
@@ -149,11 +136,7 @@ def _draw_row(whole: Axes, near: Axes, record: Record | FittedRecord) -> None:
 
 
 def _curves(
-    axes: Axes,
-    x: Float[np.ndarray, " n"],
-    record: Record | FittedRecord,
-    display: Display,
-    part: "slice | np.ndarray",
+    axes: Axes, x: Float[np.ndarray, " n"], record: Record | FittedRecord, display: Display, part: "slice | np.ndarray"
 ) -> None:
     measured = display.scale * record.measured[part]
     if isinstance(record, FittedRecord):

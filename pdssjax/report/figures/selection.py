@@ -61,8 +61,14 @@ def _decades(reach: float) -> list[float]:
 
 
 def residual_strips_figure(found: Comparison) -> Figure:
-    """The residuals of each model in the record that has most of what it leaves, grey those of the best one."""
-    shown = _strips(found)
+    """The residuals of six models at most, those near the best one, in the record that has most of what each leaves.
+
+    Grey are those of the best model.
+    """
+    behind = {result.name: abs(result.time.total) for result in found.results if result.time is not None}
+    behind |= dict.fromkeys((found.chosen, found.best), -1.0)
+    nearest = sorted(behind, key=behind.__getitem__)[:6]
+    shown = [result for result in found.results if result.name in nearest]
     best = found[found.best].fitted
     with styled_figure(7.4, 0.6 + 1.05 * len(shown)) as figure:
         panels = figure.subplots(len(shown), 1, squeeze=False)[:, 0]
@@ -72,15 +78,6 @@ def residual_strips_figure(found: Comparison) -> Figure:
             _draw_strip(axes, found.records[place], result, place, beside)
         panels[-1].set_xlabel("time (s), or part of the drive's cycle where a record repeats")
     return figure
-
-
-def _strips(found: Comparison) -> list[Result]:
-    """The chosen model, the best one, and those that are nearest to it, six at most."""
-    fitted = [result for result in found.results if result.time is not None]
-    distance = lambda result: abs(result.time.total) if result.time is not None else 0.0
-    first = [result for result in fitted if result.name in (found.chosen, found.best)]
-    others = sorted((result for result in fitted if result not in first), key=distance)
-    return [result for result in fitted if result in [*first, *others][:6]]
 
 
 def _place(found: Comparison, result: Result) -> int:

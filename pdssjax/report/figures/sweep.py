@@ -18,7 +18,7 @@ from matplotlib.patheffects import withStroke
 from ...core import InputError, display_unit, with_micro_sign
 from ...sweeps import ALONG, DEAD, GRAZING, compared_directions
 from ..text.sweep import direction_word
-from ._style import VERMILION, in_equal_ratios, scale_axes, styled_figure
+from ._style import BLUE, VERMILION, in_equal_ratios, scale_axes, styled_figure
 
 if TYPE_CHECKING:
     import xarray
@@ -50,11 +50,6 @@ def _draw_border(
 def _border_key(colour: str, says: str) -> Artist:
     """The border's entry in a legend."""
     return Line2D([], [], color=colour, linewidth=_WIDTH, path_effects=_edge_effects(colour), label=says)
-
-
-def _bare_key(says: str) -> Artist:
-    """Entry of cells without a value in a legend."""
-    return Patch(facecolor=_BARE, label=says)
 
 
 def _explain(figure: Figure, keys: Sequence[Artist]) -> None:
@@ -94,7 +89,7 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
                 says = f"border of the dead zone (step efficiency of {100 * DEAD:g} %, either way)"
                 keys.append(_border_key(VERMILION, says))
             if not all(bool(shown[name].notnull().all()) for name in _PANELS):
-                keys.append(_bare_key("failed"))
+                keys.append(Patch(facecolor=_BARE, label="failed"))
             _explain(figure, keys)
         # A point with a reversal that grazes has its metrics.
         failed = int(np.isin(data.failure.values, (0, GRAZING), invert=True).sum())
@@ -125,10 +120,10 @@ def _lines(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> No
     (x,) = over
     values, label = shown(data[name])
     places, place = shown(data[x])
-    axes.plot(places, values, ".-", color="#0072B2", markersize=4)
+    axes.plot(places, values, ".-", color=BLUE, markersize=4)
     if f"{name}_low" in data:
         low, high = (shown(data[f"{name}_{end}"].rename(name))[0] for end in ("low", "high"))
-        axes.fill_between(places, low, high, color="#0072B2", alpha=0.25, linewidth=0)
+        axes.fill_between(places, low, high, color=BLUE, alpha=0.25, linewidth=0)
     scale_axes(axes, x=places)
     axes.set_xlabel(place)
     axes.set_ylabel(label)
@@ -138,13 +133,12 @@ def _points(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> N
     """The points of a list or sample over the first two things that change along it, their colour the metric."""
     changing = [str(c) for c in data.coords if data[c].dims == (over[0],)][:2]
     values, label = shown(data[name])
-    places = [shown(data[c]) for c in changing]
-    if len(places) == 1:
-        ((x, columns),) = places
-        axes.plot(x, values, ".", color="#0072B2", markersize=4)
+    x, columns = shown(data[changing[0]])
+    if len(changing) == 1:
+        axes.plot(x, values, ".", color=BLUE, markersize=4)
         axes.set_ylabel(label)
     else:
-        (x, columns), (y, rows) = places
+        y, rows = shown(data[changing[1]])
         image = axes.scatter(x, y, c=values, s=12, cmap="viridis")
         assert axes.figure is not None
         axes.figure.colorbar(image, ax=axes, label=label)
@@ -195,13 +189,7 @@ def _number(value: "xarray.DataArray") -> str:
     return f"{float(value) * scale:.4g} {'' if unit == '1' else unit}".rstrip()
 
 
-_FORWARD, _BACKWARD = "#0072B2", "#D55E00"
-
-_LOGARITHMIC_RATIO = 8.0
-"""Ratio of the largest to the median speed above which colours of a map are logarithmic."""
-
-_LEAST_ASYMMETRY = 1e-3
-"""Smallest range of the colours of the asymmetry; smaller differences are rounding."""
+_FORWARD, _BACKWARD = BLUE, VERMILION
 
 
 def directions_figure(data: "xarray.Dataset") -> Figure:
@@ -240,7 +228,11 @@ def _direction_lines(axes: list[Axes], data: "xarray.Dataset", names: list[str])
 def _direction_maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
     (y, rows), (x, columns) = (shown(data[name]) for name in names)
     speeds, label = shown(_along_the_drive(data))
-    scale, found = _speed_scale(speeds), {}
+    known = speeds[np.isfinite(speeds) & (speeds > 0)]
+    top = float(known.max(initial=0.0))
+    scale, found = Normalize(0.0, top or 1.0), {}
+    if known.size and top > 8.0 * float(np.median(known)):  # most are small beside the largest
+        scale = LogNorm(1e-4 * top, top, clip=True)
     for panel, way, colour in zip(axes, (1.0, -1.0), (_FORWARD, _BACKWARD), strict=False):
         part = data.sel(drive_direction=way)
         values, _ = shown(_along_the_drive(data).sel(drive_direction=way).transpose(*names))
@@ -255,7 +247,7 @@ def _direction_maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) 
     figure.colorbar(axes[0].collections[0], ax=axes[:2], label=label)
     axes[2].set_title("what they differ by", loc="left")
     asymmetry = 100.0 * compared_directions(data).asymmetry.transpose(*names).values
-    reach = max(float(np.nanmax(np.abs(asymmetry), initial=0.0)), 100.0 * _LEAST_ASYMMETRY)
+    reach = max(float(np.nanmax(np.abs(asymmetry), initial=0.0)), 0.1)  # smaller differences are rounding
     colours: dict[str, Any] = {"cmap": "RdBu", "vmin": -reach, "vmax": reach}
     image = axes[2].pcolormesh(x, y, asymmetry, shading="nearest", rasterized=True, **colours)
     figure.colorbar(image, ax=axes[2], label="difference (% of the mean)")
@@ -277,26 +269,13 @@ def _direction_keys(
     keys = [_border_key("w", f"border of the dead zone (efficiency of {100 * DEAD:g} %)")] if drawn else []
     keys += [_border_key(colour, says[colour]) for colour in drawn]
     bare = ["moves the wrong way"] * bool((values <= 0).any()) + ["failed"] * bool(np.isnan(values).any())
-    return keys + [_bare_key(" or ".join(bare))] * bool(bare)
+    return keys + [Patch(facecolor=_BARE, label=" or ".join(bare))] * bool(bare)
 
 
 def _along_the_drive(data: "xarray.Dataset") -> "xarray.DataArray":
     """The speeds, positive where the motion is the drive's."""
     told = data.speed.attrs | {"long_name": "speed along the drive"}
     return (data.speed * data.drive_direction).assign_attrs(told).rename("speed")
-
-
-def _speed_scale(speeds: Float[np.ndarray, "..."]) -> Normalize:
-    """Colours of speeds: by their logarithm where most are small beside the largest."""
-    known = speeds[np.isfinite(speeds) & (speeds > 0)]
-    top = float(known.max(initial=0.0))
-    if known.size and top > _LOGARITHMIC_RATIO * float(np.median(known)):
-        return LogNorm(1e-4 * top, top, clip=True)
-    return Normalize(0.0, top or 1.0)
-
-
-_MOST_LINES = 7
-"""Most values of the second axis that are drawn, the first and the last among them."""
 
 
 def border_figure(data: "xarray.Dataset") -> Figure:
@@ -316,14 +295,15 @@ def _border_lines(axes: Axes, data: "xarray.Dataset", names: list[str]) -> None:
     border, label = shown(data.border)
     axes.set_ylabel(label)
     if not names:
-        axes.axhline(float(border), color="#0072B2")
+        axes.axhline(float(border), color=BLUE)
         return
     places, place = shown(data[names[0]])
     if len(names) == 1:
-        axes.plot(places, border, ".-", color="#0072B2", markersize=4)
+        axes.plot(places, border, ".-", color=BLUE, markersize=4)
     else:
         values, what = shown(data[names[1]])
-        rows = np.unique(np.linspace(0, len(values) - 1, _MOST_LINES).round().astype(int))
+        # Seven at most, the first and the last among them.
+        rows = np.unique(np.linspace(0, len(values) - 1, 7).round().astype(int))
         for i, row in enumerate(rows):
             colour = matplotlib.colormaps["viridis"](i / max(len(rows) - 1, 1) * 0.9)
             label = direction_word(float(values[row])) if names[1] == ALONG else f"{values[row]:.4g}"

@@ -10,15 +10,7 @@ import numpy as np
 
 from ...core import InputError, percent, rounded, strongest_pairs, with_micro_sign
 from ...integration import TAYLOR
-from ...study import (
-    OWN_MINIMISER,
-    Estimate,
-    FittedParameter,
-    FittedRecord,
-    Provenance,
-    find_entry,
-    split_path,
-)
+from ...study import OWN_MINIMISER, Estimate, FittedParameter, FittedRecord, Provenance, find_entry, split_path
 from .. import figures
 from ..text._layout import counted
 from ..text.estimate import (
@@ -169,13 +161,25 @@ def _fitted(estimate: Estimate) -> Section:
     return Section("What was fitted", tables=[Table(["what", "choice", "meaning"], rows, "<<<")])
 
 
-_LEAST_SHARE, _DECADES = 1e-4, 4.0
-"""Relative error at which a bar has no length, and the decades from there to a full one."""
-
-
 def _parameters(estimate: Estimate) -> Section:
-    meanings = _meanings(estimate)
-    rows = [_parameter_row(parameter, meanings.get(path, "")) for path, parameter in estimate.parameters.items()]
+    meanings, rows = _meanings(estimate), []
+    for path, parameter in estimate.parameters.items():
+        cells = parameter_cells(parameter)
+        relative = abs(parameter.standard_error / parameter.value) if parameter.value else math.nan
+        # Bars are empty at 0.01 % and full four decades above.
+        length = math.log10(relative / 1e-4) / 4.0 if relative > 0.0 else math.nan
+        known = parameter.free and math.isfinite(parameter.standard_error)
+        rows.append(
+            [
+                path,
+                cells.value,
+                cells.error if known else "",
+                with_micro_sign(cells.unit) or "1",
+                Share(cells.share, length) if known else "",
+                cells.interval(" to "),
+                ". ".join(filter(None, [parameter.remark.capitalize(), meanings.get(path, "")])),
+            ]
+        )
     head = ["parameter", "value", "standard error", "unit", "relative error", "95 % interval", "what it is"]
     caption = "Bars are logarithmic, from 0.01 % (empty) to 100 % (full)."
     tables, drawings = [Table(head, rows, "<>><><<", caption)], []
@@ -185,9 +189,8 @@ def _parameters(estimate: Estimate) -> Section:
         way = interval_way(estimate)
         basis = f"by the {models[0]} error model" + (f", the interval by {way}" if way else "")
         text.append(
-            f"Standard error, relative error and interval are {basis}. Coloured errors hold "
-            "whatever the colour of the noise; errors with misfit also cover what the model's own error may do to a "
-            "parameter."
+            f"Standard error, relative error and interval are {basis}. Coloured errors hold whatever the colour of the "
+            "noise; errors with misfit also cover what the model's own error may do to a parameter."
         )
     free = [parameter for parameter in estimate.parameters.values() if parameter.free]
     if any(p.value and math.isfinite(p.standard_error) for p in free):
@@ -208,35 +211,12 @@ def _further_errors(estimate: Estimate, free: list[FittedParameter], models: lis
         errors = [parameter.errors[model].standard_error if parameter.errors else math.nan for model in models]
         if naive:
             errors.append(math.nan if parameter.naive_standard_error is None else parameter.naive_standard_error)
-        rows.append(
-            [
-                parameter.path,
-                *(percent(error, parameter.value) for error in errors),
-                cells.start,
-                with_micro_sign(cells.unit) or "1",
-            ]
-        )
+        shares = [percent(error, parameter.value) for error in errors]
+        rows.append([parameter.path, *shares, cells.start, with_micro_sign(cells.unit) or "1"])
     caption = "Standard errors by every error model, in per cent of the value, and where the fit started."
     if naive:
         caption += " Naive errors take the result of the piezo's own fit for exact."
     return Table(head, rows, "<" + ">" * (len(head) - 2) + "<", caption)
-
-
-def _parameter_row(parameter: FittedParameter, meaning: str) -> list[str | Share]:
-    """The cells of a parameter."""
-    cells = parameter_cells(parameter)
-    relative = abs(parameter.standard_error / parameter.value) if parameter.value else math.nan
-    length = math.log10(relative / _LEAST_SHARE) / _DECADES if relative > 0.0 else math.nan
-    known = parameter.free and math.isfinite(parameter.standard_error)
-    return [
-        parameter.path,
-        cells.value,
-        cells.error if known else "",
-        with_micro_sign(cells.unit) or "1",
-        Share(cells.share, length) if known else "",
-        cells.interval(" to "),
-        ". ".join(filter(None, [parameter.remark.capitalize(), meaning])),
-    ]
 
 
 def _meanings(estimate: Estimate) -> dict[str, str]:

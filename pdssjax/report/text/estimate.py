@@ -37,7 +37,7 @@ def format_report(estimate: Estimate) -> str:
     rows = [[f"C({path}, {other})", f"{value:+.3f}"] for path, other, value in pairs]
     correlations = aligned_table("<>", rows) if rows else "    none\n"
     parts = [
-        heading(estimate.title) + _outcome(estimate) + _statistics(estimate),
+        heading(estimate.title) + _outcome(estimate),
         heading("Parameters") + _parameters(estimate),
         format_records(estimate.records),
         heading(f"Correlations of size {WORTH_KNOWING:g} or more") + correlations,
@@ -58,18 +58,13 @@ def format_report(estimate: Estimate) -> str:
 
 
 def _outcome(estimate: Estimate) -> str:
+    """How the fit ended, and its statistics."""
     verdict = estimate.verdict if estimate.success else estimate.verdict.upper()
     loss = "" if estimate.loss == "squares" else f" with {estimate.loss.capitalize()}'s loss"
     outcome = f"    {estimate.method} fit{loss} {verdict}: {estimate.message}\n"
     if estimate.converged and not estimate.explained:
-        outcome += (
-            f"    {estimate.why_unexplained.capitalize()}.\n"
-            "    The law lacks something, or the optimum is wrong: see the notes.\n"
-        )
-    return outcome
-
-
-def _statistics(estimate: Estimate) -> str:
+        outcome += f"    {estimate.why_unexplained.capitalize()}.\n"
+        outcome += "    The law lacks something, or the optimum is wrong: see the notes.\n"
     statistics = estimate.statistics
     fitted = [record for record in estimate.records if record.role == "fit"]
     apart = f", and {statistics.measured_apart} measured apart" if statistics.measured_apart else ""
@@ -94,33 +89,29 @@ def _statistics(estimate: Estimate) -> str:
         lines.append(("minimiser", estimate.minimiser))
     if estimate.check is not None:
         lines.append(("check", estimate.check.sentence))
-    return "".join(f"    {name:<19}= {text}\n" for name, text in lines)
+    return outcome + "".join(f"    {name:<19}= {text}\n" for name, text in lines)
 
 
 def _parameters(estimate: Estimate) -> str:
+    """The table of parameters, what the errors by each model cover, and which to believe."""
     models = list(next((p.errors for p in estimate.parameters.values() if p.errors), {}))
     names = [model.replace("-", " ") for model in models] or [""]
-    head = ["", "unit", "value", "+/-", *names, "naive", "95 % interval", "start", ""]
-    rows = [head, *(_parameter(parameter, models) for parameter in estimate.parameters.values())]
-    align, legend = "<<>>" + ">" * len(names) + "><<<", ""
-    if estimate.method != "joint":
-        legend = "    naive: error with the piezo's own fit taken as exact; +/-: with its errors included.\n"
-    else:
-        place = 4 + len(names)
-        align, rows = align[:place] + align[place + 1 :], [row[:place] + row[place + 1 :] for row in rows]
-    return aligned_table(align, rows) + legend + _about_errors(estimate, models)
-
-
-def _about_errors(estimate: Estimate, models: Sequence[str]) -> str:
-    """Explain what the errors by each model cover, and which to believe."""
+    has_naive = estimate.method != "joint"
+    head = ["", "unit", "value", "+/-", *names, *["naive"] * has_naive, "95 % interval", "start", ""]
+    rows = [_parameter(parameter, models, has_naive) for parameter in estimate.parameters.values()]
+    text = aligned_table("<<>>" + ">" * (len(names) + has_naive) + "<<<", [head, *rows])
+    if has_naive:
+        text += "    naive: error with the piezo's own fit taken as exact; +/-: with its errors included.\n"
     if estimate.error_advice is None:
-        return ""
+        return text
     from ...inference import all_error_models
 
-    lines = [note(f"{m.name.replace('-', ' ')}: covers {m.covers}.") for m in all_error_models() if m.name in models]
+    for model in all_error_models():
+        if model.name in models:
+            text += note(f"{model.name.replace('-', ' ')}: covers {model.covers}.")
     way = interval_way(estimate)
     which = f"+/-: {models[0]}; interval: by {way}" if way else f"+/- and interval: {models[0]}"
-    return "".join(lines) + note(f"{which}. {estimate.error_advice.reason}")
+    return text + note(f"{which}. {estimate.error_advice.reason}")
 
 
 def interval_way(estimate: Estimate) -> str:
@@ -166,7 +157,7 @@ def parameter_cells(parameter: FittedParameter) -> ParameterCells:
     )
 
 
-def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
+def _parameter(parameter: FittedParameter, models: Sequence[str], has_naive: bool) -> list[str]:
     cells, naive = parameter_cells(parameter), parameter.naive_standard_error
     errors = [parameter.errors[model].standard_error for model in models if parameter.errors]
     shares = [percent(error, parameter.value) for error in errors or [parameter.standard_error] * max(len(models), 1)]
@@ -176,7 +167,7 @@ def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
         cells.value,
         cells.error,
         *shares,
-        "-" if naive is None else percent(naive, parameter.value),
+        *["-" if naive is None else percent(naive, parameter.value)] * has_naive,
         cells.interval(" .. ") or "-",
         cells.start,
         parameter.remark,
