@@ -108,8 +108,8 @@ def counter(what: str) -> Iterator[Callable[[int, int], None]]:
             yield lambda done, count: bar.update(task, completed=done, total=count)
     else:
         tenth, first, begun = 0, None, time.monotonic()
-        told = lambda: print(f"compiling what computes the {what}", file=sys.stderr, flush=True)
-        compiling = threading.Timer(QUIET_S, told)
+        announce = lambda: print(f"compiling what computes the {what}", file=sys.stderr, flush=True)
+        compiling = threading.Timer(QUIET_S, announce)
         compiling.daemon = True
 
         def line(done: int, count: int) -> None:

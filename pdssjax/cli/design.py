@@ -70,8 +70,8 @@ def _design(options: argparse.Namespace) -> int:
             write = lambda place: write_rehearsal(rehearsal, plan, source, table.document, place)
             keep_results(write, options.out / REHEARSAL)
         say(format_rehearsal(rehearsal))
-    told = f"The plan is in {options.out}\nMake its records on the virtual rig with: pdssjax record "
-    return say_where(written, f"{told}{options.out / 'plan.toml'} --out ...")
+    where = f"The plan is in {options.out}\nMake its records on the virtual rig with: pdssjax record "
+    return say_where(written, f"{where}{options.out / 'plan.toml'} --out ...")
 
 
 def _aim(

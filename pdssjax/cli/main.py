@@ -54,9 +54,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.command_line = shlex.join(["pdssjax", *given])
             return options.run(options)
         except (InputError, MiscompilationError, OSError) as error:
-            told = str(error)
+            message = str(error)
             # Longer than any name of a file or a column; both ends tell most.
-            note(f"error: {told if len(told) <= 2000 else f'{told[:1000]} ... {told[-1000:]}'}")
+            note(f"error: {message if len(message) <= 2000 else f'{message[:1000]} ... {message[-1000:]}'}")
             return 2
         except KeyboardInterrupt:
             note("interrupted")
@@ -116,8 +116,8 @@ def exit_status(received: Sequence[int]) -> int:
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        told = f"option {message.removeprefix('argument ')}" if message.startswith("argument -") else message
-        raise InputError(told if told.endswith(".") else f"{told} (see {self.prog} --help)")
+        text = f"option {message.removeprefix('argument ')}" if message.startswith("argument -") else message
+        raise InputError(text if text.endswith(".") else f"{text} (see {self.prog} --help)")
 
 
 def _check_values(given: Sequence[str]) -> None:

@@ -37,8 +37,8 @@ def whole(least: int, most: int = MOST_DRAWN, word: str = "") -> Callable[[str],
         try:
             return read_whole(text, "", least, most)
         except InputError as error:
-            told = str(error).removeprefix(": ")
-            raise argparse.ArgumentTypeError(f'{told[:-1]}, or "{word}".' if word else told) from None
+            message = str(error).removeprefix(": ")
+            raise argparse.ArgumentTypeError(f'{message[:-1]}, or "{word}".' if word else message) from None
 
     return read
 

@@ -187,18 +187,18 @@ def _about_the_estimate(
     here = study.for_record(base)
     legal, values = sweepable(here, base), here.values()
     if kept:
-        (names, told), errors = read_draws(options.estimate, options.bands), options.bands
+        (names, known), errors = read_draws(options.estimate, options.bands), options.bands
     else:
-        names, told, errors = read_covariance(options.estimate)
+        names, known, errors = read_covariance(options.estimate)
     # Of the parameters that hold in the record; the others have no part in a sweep.
     in_force = {path: name for path, name in paths_in(study.parameters, base.conditions).items() if path in legal}
     told_otherwise = {*points.paths, *(f"drive.{field}" for field in base.overrides)}
     varied = [path for path, name in in_force.items() if name in names and path not in told_otherwise]
     rows = [names.index(in_force[path]) for path in varied]
     if kept:
-        return Crossed(points, GivenDraws(varied, told[:, rows], options.draws)), errors
+        return Crossed(points, GivenDraws(varied, known[:, rows], options.draws)), errors
     means, positive = np.array([values[n] for n in varied]), np.array([legal[n].positive for n in varied])
-    about = CovarianceDraws(varied, means, told[np.ix_(rows, rows)], positive, options.draws, options.seed)
+    about = CovarianceDraws(varied, means, known[np.ix_(rows, rows)], positive, options.draws, options.seed)
     return Crossed(points, about if options.bands == "draws" else SigmaPoints(about)), errors
 
 

@@ -209,8 +209,8 @@ class _RoleSearch:
                 self.chosen[quantity] = candidates[0]
                 return
         # Without units, or with several that fit, the shapes decide, and names.
-        told = {channel for channel in left if channel.unit and not channel.letter} - set(fitting)
-        shapes = [channel for channel in named or fitting or [c for c in left if c not in told] if shaped(channel)]
+        unfit = {channel for channel in left if channel.unit and not channel.letter} - set(fitting)
+        shapes = [channel for channel in named or fitting or [c for c in left if c not in unfit] if shaped(channel)]
         by_name = [channel for channel in shapes if not fitting and _called(channel, quantity)]
         for candidates in (shapes, by_name):
             if len(candidates) == 1:
@@ -244,10 +244,10 @@ class _RoleSearch:
             if not (channel.unit or quantity in self.hints.units or quantity in self.hints.scales)
         ]
         if missing:
-            told = ", ".join(f'the {q} in channel {self.chosen[q].number} ("{self.chosen[q].name}")' for q in missing)
+            listed = ", ".join(f'the {q} in channel {self.chosen[q].number} ("{self.chosen[q].name}")' for q in missing)
             usual = SI | {"displacement": "um", "velocity": "mm/s"}
             options = " ".join(f"--unit {q}={usual[q]}" for q in missing)
-            raise InputError(f"{self.file}: found no unit of {told}, expected options such as {options}.")
+            raise InputError(f"{self.file}: found no unit of {listed}, expected options such as {options}.")
         for quantity, channel in self.chosen.items():
             here = channel._replace(letter=False)
             if channel.unit and quantity not in self.hints.units and not self._may_be(here, quantity):

@@ -123,8 +123,8 @@ class CandidateFolder:
                 _write(folder / _KEPT, digest, fitted)
         except OSError as error:
             if not self._warned:
-                told = f"{folder}: cannot be written ({error.strerror or error}); the comparison goes on in memory."
-                warnings.warn(told, InputWarning, stacklevel=2)
+                message = f"{folder}: cannot be written ({error.strerror or error}); the comparison goes on in memory."
+                warnings.warn(message, InputWarning, stacklevel=2)
             self._warned = True
 
 

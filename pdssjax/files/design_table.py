@@ -137,11 +137,11 @@ def read_knowledge(file: Path) -> Knowledge:
     document = read_estimate(file)
     try:
         parameters = document["parameters"]
-        values = {path: float(told["value"]) for path, told in parameters.items()}
+        values = {path: float(entry["value"]) for path, entry in parameters.items()}
         fitted = [r for r in document["records"] if r["role"] == "fit"]
         records = [(r["measures"], r.get("reduced_chi2") or float("nan")) for r in fitted]
-        verdicts = {path: told.get("interval_verdicts") or () for path, told in parameters.items()}
-        determined = any(told.get("standard_error") for told in parameters.values())
+        verdicts = {path: entry.get("interval_verdicts") or () for path, entry in parameters.items()}
+        determined = any(entry.get("standard_error") for entry in parameters.values())
     except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"{file}: found no parameters and records, expected what pdssjax identify wrote.") from None
     known = read_covariance(file) if determined else None

@@ -202,8 +202,8 @@ def read_draws(estimate: Path, kind: str) -> tuple[tuple[str, ...], Float[np.nda
             names = tuple(column.partition(" [")[0] for column in lines.readline().strip().split(","))
             return names, np.loadtxt(lines, delimiter=",", ndmin=2)
     except (OSError, ValueError, TypeError, KeyError) as error:
-        told = str(error).strip().partition("\n")[0]
-        raise InputError(f"{place}: cannot be read ({told}), expected the draws of pdssjax identify.") from None
+        reason = str(error).strip().partition("\n")[0]
+        raise InputError(f"{place}: cannot be read ({reason}), expected the draws of pdssjax identify.") from None
 
 
 def posterior_of(file: Path) -> Pairs:

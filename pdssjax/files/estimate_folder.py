@@ -106,10 +106,10 @@ def _numbers(entry: Entry, missing: float = math.nan) -> np.ndarray:
 
 def _parameter(path: str, entry: Document) -> FittedParameter:
     renamed = {"informed": "identifiable", "interval_verdicts": "verdicts"}
-    told = {renamed.get(key, key): value for key, value in entry.items() if key != "interval_at_bound"}
-    low, high = told.pop("bounds", (None, None))
+    fields = {renamed.get(key, key): value for key, value in entry.items() if key != "interval_at_bound"}
+    low, high = fields.pop("bounds", (None, None))
     bounds = (-math.inf if low is None else low, math.inf if high is None else high)
-    return _read(FittedParameter, {"path": path, "bounds": bounds, **told})
+    return _read(FittedParameter, {"path": path, "bounds": bounds, **fields})
 
 
 def _record(entry: Document, file: Path) -> FittedRecord:
@@ -118,10 +118,10 @@ def _record(entry: Document, file: Path) -> FittedRecord:
     words = {key: entry.get(key, next(iter(options))) for key, options in choices(kind).items()}
     measurement = kind(**{key: choices(kind)[key][word] for key, word in words.items()})
     kinds = get_type_hints(FittedRecord)
-    told = {key: _read(kinds[key], entry[key]) for key in kinds if key in entry and key != "outliers"}
+    fields = {key: _read(kinds[key], entry[key]) for key in kinds if key in entry and key != "outliers"}
     none = np.zeros(0)
     record = FittedRecord(
-        **told,
+        **fields,
         time=none,
         measured=none,
         predicted=none,
@@ -166,7 +166,7 @@ def _draws(entry: Document, file: Path) -> Draws:
         values = values[:, [found.index(name) for name in names]].reshape(*shape, len(names))
     except (InputError, ValueError):
         values = np.zeros((*shape, 0))
-    parameters = tuple(_read(ParameterDraws, {"path": path, **told}) for path, told in entry["parameters"].items())
+    parameters = tuple(_read(ParameterDraws, {"path": path, **drawn}) for path, drawn in entry["parameters"].items())
     keys = "kind description failed failure seed".split()
     return Draws(names=names, values=values, parameters=parameters, **{key: entry[key] for key in keys})
 

@@ -57,8 +57,8 @@ def starting_at_estimate(study: Study, file: Path) -> Study:
     **Raises:** `InputError` as `with_estimate` does.
     """
     document = read_estimate(file)
-    told = {path: number for path, number in _values(document, study, file).items() if path in study.parameters}
-    return study.with_starts(told, _source(file, _doubt(document)))
+    numbers = {path: number for path, number in _values(document, study, file).items() if path in study.parameters}
+    return study.with_starts(numbers, _source(file, _doubt(document)))
 
 
 def _source(file: Path, doubt: str) -> str:
@@ -171,19 +171,19 @@ def _plain_data(value: Plain) -> Plain:
 
 
 def _parameter_document(parameter: FittedParameter, method: str) -> Document:
-    told: Document = _plain_data(parameter) | {"interval_at_bound": parameter.interval_at_bound}
-    told["informed"], told["interval_verdicts"] = told.pop("identifiable"), told.pop("verdicts")
-    left_out = {"path"} | {key for key in ("interval_verdicts", "measured_apart", "errors") if not told[key]}
+    document: Document = _plain_data(parameter) | {"interval_at_bound": parameter.interval_at_bound}
+    document["informed"], document["interval_verdicts"] = document.pop("identifiable"), document.pop("verdicts")
+    left_out = {"path"} | {key for key in ("interval_verdicts", "measured_apart", "errors") if not document[key]}
     if method == "joint":
         left_out |= {"naive_standard_error"}
-    return {key: value for key, value in told.items() if key not in left_out}
+    return {key: value for key, value in document.items() if key not in left_out}
 
 
 def _record_document(record: FittedRecord) -> Document:
     keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures largest_error "
     keys += "noise_estimated noise_floor chi2 reduced_chi2 frequency excitation file"
-    told: Document = {key: getattr(record, key) for key in keys.split()} | record.words
-    return told | {"outliers": record.time[record.outliers], "lack_of_fit": _plain_data(record.lack_of_fit)}
+    document: Document = {key: getattr(record, key) for key in keys.split()} | record.words
+    return document | {"outliers": record.time[record.outliers], "lack_of_fit": _plain_data(record.lack_of_fit)}
 
 
 def _draws_document(draws: Draws) -> Document:

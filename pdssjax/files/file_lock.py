@@ -138,8 +138,8 @@ def _acquire(place: Path, about: Path, unfinished: str) -> _Held:
         raise InputError(_busy(about, ""))
     except OSError as error:
         reason = error.strerror or error
-        told = f"{about}: cannot be locked ({reason}); see that no other program writes to it meanwhile."
-        warnings.warn(told, InputWarning, stacklevel=5)
+        message = f"{about}: cannot be locked ({reason}); see that no other program writes to it meanwhile."
+        warnings.warn(message, InputWarning, stacklevel=5)
         return _Held(None, made)
 
 

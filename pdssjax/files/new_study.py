@@ -293,9 +293,9 @@ def _samples_of_waveform(record: NewRecord) -> str:
     # Elements of hysteresis follow the peaks of the noise.
     smooth = "" if hertz is None or wave.misfit <= 5e-4 else f', smooth = "{1e3 / (100.0 * hertz):.4g} ms"'
     of = f"{volts:.10g} V" + ("" if hertz is None else f" and {hertz:.10g} Hz") + _from_level(wave.counted_from)
-    told = f"a {wave.name} of {of} leaves {100 * max(wave.misfit, 1e-4):.2g} % of them"
+    misfit = f"a {wave.name} of {of} leaves {100 * max(wave.misfit, 1e-4):.2g} % of them"
     why = "hysteresis under them is quicker to compute" if wave.name == "sine" else "hysteresis feels that level"
-    return f"{drive_of_samples(record, smooth)}  # guess: {told}; {why}"
+    return f"{drive_of_samples(record, smooth)}  # guess: {misfit}; {why}"
 
 
 def _from_level(level: float) -> str:

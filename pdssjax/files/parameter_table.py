@@ -69,8 +69,8 @@ def _check_condition(table: Table, base: str, condition: str, records: Sequence[
     """A parameter that holds under a condition needs records with and its usual number without that."""
     where, known = f'{table.where}: "{base}{MARK}{condition}"', sorted({c for r in records for c in r.conditions})
     if condition not in known:
-        told = nearest(condition, known) if known else 'no record has any, as in conditions = ["wet"].'
-        raise InputError(f'{where}: found the condition "{condition}" that no record has; {told}')
+        hint = nearest(condition, known) if known else 'no record has any, as in conditions = ["wet"].'
+        raise InputError(f'{where}: found the condition "{condition}" that no record has; {hint}')
     if base not in table.entries:
         raise InputError(
             f'{where}: the parameter "{base}" is missing, expected it, too, for records without the condition.'
@@ -151,9 +151,9 @@ def read_constraints(top: Table, parameters: Mapping[str, Parameter]) -> tuple[C
         greater, lesser = parameters[constraint.greater], parameters[constraint.lesser]
         if greater.number is None or lesser.number is None or constraint.holds(greater.number, lesser.number):
             continue
-        told = f"{greater.path} at {greater.number:g} and {lesser.path} at {lesser.number:g} {lesser.unit}".rstrip()
+        at = f"{greater.path} at {greater.number:g} and {lesser.path} at {lesser.number:g} {lesser.unit}".rstrip()
         warnings.warn(
-            f"{table.at(constraint.name)}: found starts beyond {constraint.text} ({told}); the fit begins with both as "
+            f"{table.at(constraint.name)}: found starts beyond {constraint.text} ({at}); the fit begins with both as "
             "the constraint just allows.",
             InputWarning,
             stacklevel=4,
@@ -170,15 +170,15 @@ def _read_constraint(table: Table, name: str, parameters: Mapping[str, Parameter
     first, sign, second = (read[1], read[2]), read[3], (read[4], read[5])
     for _, path in (first, second):
         if re.fullmatch(rf"[+-]?(?:{_NUMBER})\b.*", path):
-            told = 'a number is a bound: "min" or "max" of the parameter'
-            raise InputError(f'{table.at(name)}: found "{text}", expected {expected}; {told}.')
+            detail = 'a number is a bound: "min" or "max" of the parameter'
+            raise InputError(f'{table.at(name)}: found "{text}", expected {expected}; {detail}.')
         if path not in parameters:
             raise InputError(f'{table.at(name)}: found the unknown parameter "{path}"; {nearest(path, parameters)}')
     (more, greater), (less, lesser) = (first, second) if sign == ">=" else (second, first)
     units = [parameters[path].unit for path in (greater, lesser)]
     if units[0] != units[1]:
-        told = " and ".join(f"{path} in {unit or '1'}" for path, unit in zip((greater, lesser), units, strict=True))
-        raise InputError(f"{table.at(name)}: found {told}, expected two parameters of the same unit.")
+        detail = " and ".join(f"{path} in {unit or '1'}" for path, unit in zip((greater, lesser), units, strict=True))
+        raise InputError(f"{table.at(name)}: found {detail}, expected two parameters of the same unit.")
     factor = float(less or 1.0) / (float(more or 1.0) or math.nan)
     if not 0.0 < factor < math.inf:
         raise InputError(f'{table.at(name)}: found "{text}", expected factors above 0.')

@@ -168,15 +168,15 @@ def serve() -> None:
 
 def _answer(question: dict[str, Any], output: IO[bytes]) -> None:
     def say(said: dict[str, Any], values: np.ndarray) -> None:
-        warned = [str(warning.message) for warning in told if issubclass(warning.category, InputWarning)]
-        told.clear()
+        warned = [str(warning.message) for warning in caught if issubclass(warning.category, InputWarning)]
+        caught.clear()
         text = json.dumps({**said, "shape": values.shape, "warned": warned}).encode()
         output.write(len(text).to_bytes(8, "little") + text)
         output.write(np.ascontiguousarray(values, "<f8").data)
         output.flush()
 
     nothing = np.zeros(0)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         module, name = question["function"]
         file, *arguments = question["arguments"]

@@ -132,11 +132,11 @@ def _clock(file: Path, layout: Layout, chosen: Mapping[str, Channel], factors: M
 def _factor(file: Path, layout: Layout, quantity: str, channel: Channel) -> float:
     """The factor from the numbers of a channel to SI."""
     where, si = f'{file}: column "{channel.name}"', layout.si_units[quantity]
-    told, ending = layout.units.get(quantity) or channel.unit, column_unit(channel.name)
+    unit, ending = layout.units.get(quantity) or channel.unit, column_unit(channel.name)
     if quantity in layout.scales:
         # "U_mon" ends in no unit, and with a scale needs none.
-        return scaled(layout.scales[quantity], told or unit_named(ending), si, f"{where}: scale")
-    if name := told or ending:
+        return scaled(layout.scales[quantity], unit or unit_named(ending), si, f"{where}: scale")
+    if name := unit or ending:
         return factor(name, si, where)
     like = quantity if channel.name == str(channel.number) else channel.name
     raise InputError(

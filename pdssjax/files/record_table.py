@@ -186,9 +186,9 @@ def _conditions(table: Table) -> frozenset[str]:
 
 def _drive_parameters(parameters: Table, conditions: frozenset[str]) -> Table:
     """The parameters of drives, by path, that hold under these `conditions`."""
-    told = {path: split_path(path) for path in parameters.entries if path.startswith("drive.")}
-    usual = {base: parameters.entries[path] for path, (base, condition) in told.items() if not condition}
-    here = {base: parameters.entries[path] for path, (base, condition) in told.items() if condition in conditions}
+    split = {path: split_path(path) for path in parameters.entries if path.startswith("drive.")}
+    usual = {base: parameters.entries[path] for path, (base, condition) in split.items() if not condition}
+    here = {base: parameters.entries[path] for path, (base, condition) in split.items() if condition in conditions}
     return Table(usual | here, parameters.where)
 
 

@@ -133,8 +133,8 @@ def _contents(folder: Path) -> _Contents:
     found: _Contents = {}
     for name in _RESULTS:
         with contextlib.suppress(OSError):
-            told = (folder / name).stat()
-            found[name] = told.st_ino, told.st_mtime_ns
+            status = (folder / name).stat()
+            found[name] = status.st_ino, status.st_mtime_ns
     return found
 
 

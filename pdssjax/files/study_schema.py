@@ -70,11 +70,11 @@ def _table(properties: Mapping[str, object], required: Iterable[str] = (), **mor
     }
 
 
-def _quantity(unit: str, told: str = "") -> Document:
+def _quantity(unit: str, text: str = "") -> Document:
     """A number in SI, or a text with a unit."""
-    shown = f"[{unit}]" if unit and f"[{unit}]" not in told else ""
+    shown = f"[{unit}]" if unit and f"[{unit}]" not in text else ""
     texts = {"type": "string", "pattern": _NUMBER}
-    return {"anyOf": [{"type": "number"}, texts], "description": f"{told} {shown}".strip()}
+    return {"anyOf": [{"type": "number"}, texts], "description": f"{text} {shown}".strip()}
 
 
 def _chosen(entries: Mapping[str, Entry], family: str) -> Document:
@@ -111,9 +111,9 @@ def _composed_parameters() -> dict[str, Document]:
     found: dict[str, Document] = {}
     for name, field in fields.items():
         declared = field.declared.metadata["quantity"]
-        told = re.sub(r"\b[12]\b", "n", field.text) if name[-1].isdigit() else field.text
+        text = re.sub(r"\b[12]\b", "n", field.text) if name[-1].isdigit() else field.text
         path = re.sub(r"\d+$", r"\\d+", re.escape(f"piezo.{name}"))
-        found[rf"^{path}(@.+)?$"] = _parameter(declared, told)
+        found[rf"^{path}(@.+)?$"] = _parameter(declared, text)
     found[r"^piezo\.[a-z_]+_\*(@.+)?$"] = {"type": "object", "description": "All that differ by a number."}
     return found
 
@@ -131,7 +131,7 @@ def _parameters(entries: Mapping[str, Entry]) -> Document:
     return _table(tables, patternProperties=marked | _composed_parameters())
 
 
-def _parameter(declared: Quantity, told: str) -> Document:
+def _parameter(declared: Quantity, text: str) -> Document:
     keys = {
         "value": "The number at which the parameter is fixed.",
         "start": "Where the fit begins; if left out, it is found in the data.",
@@ -139,7 +139,7 @@ def _parameter(declared: Quantity, told: str) -> Document:
         "max": "Upper bound.",
         "standard_error": "Error of a value that was measured apart: the fit takes it for one more measurement.",
     }
-    return _table({key: _quantity(declared.unit, what) for key, what in keys.items()}, description=told)
+    return _table({key: _quantity(declared.unit, what) for key, what in keys.items()}, description=text)
 
 
 def _record(entries: Mapping[str, Entry]) -> Document:
@@ -206,7 +206,7 @@ def _drive(entries: Mapping[str, Entry]) -> Document:
     for waveform in members("drive"):
         entry = entries[f"drive/{waveform}"]
         keys: dict[str, Document] = {"waveform": {"const": waveform, "description": entry.summary}}
-        keys |= {field: _quantity(declared.unit, told) for field, (declared, told) in entry.parameters.items()}
+        keys |= {field: _quantity(declared.unit, meaning) for field, (declared, meaning) in entry.parameters.items()}
         keys |= {field: {"enum": words} for field, words in entry.choices.items()}
         keys["hold"] = _quantity("s", "Interval of a converter's staircase.")
         # Other numbers that are left out the study's parameters may tell.

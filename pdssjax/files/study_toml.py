@@ -7,11 +7,9 @@ import dataclasses
 import math
 import sys
 import tomllib
-from collections.abc import Sequence
 from pathlib import Path
 
 from ..core import Document, InputError, member, members
-from ..friction.base import AbstractFriction
 from ..integration import SOLVERS
 from ..piezo import DYNAMICS, HYSTERESES, MOST, Composition
 from ..piezo.base import AbstractPiezo
@@ -47,11 +45,15 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     actuator.only(["piezo", "friction", "friction_state", "feedback", "rests_under_load"])
     piezo = _read_piezo(actuator)
     records = _read_records(top, path.parent, virtual, piezo.has_steady_state)
+    # A study whose records show the platform alone need not name a contact law: any law does.
+    alone = bool(records) and all(record.measurement.platform_alone for record in records)
+    may_lack = alone and "friction" not in actuator.entries and actuator.entries.get("feedback") is not True
+    law = actuator.option("friction", members("friction"), *(["coulomb"] if may_lack else []))
     study = Study(
         title=top.text("title", "a text", path.stem),
         path=path,
         piezo=piezo,
-        friction=_read_friction(actuator, records),
+        friction=member("friction", law),
         friction_state=actuator.option("friction_state", STATES, STATES[0]),
         feedback=actuator.get("feedback", bool, "true or false", False),
         parameters={},
@@ -90,15 +92,6 @@ def read_toml(path: Path) -> Document:
         raise InputError(f"{path}: found {error.reason} at byte {error.start}, expected UTF-8 text.") from None
     except (ValueError, RecursionError) as error:  # beside syntax: integers and nesting beyond what Python reads
         raise InputError(f"{path}: found no valid TOML: {error}.") from None
-
-
-def _read_friction(actuator: Table, records: Sequence[Record]) -> type[AbstractFriction]:
-    """The contact law; a study whose records show the platform alone need not name one."""
-    alone = bool(records) and all(record.measurement.platform_alone for record in records)
-    needed = not alone or actuator.entries.get("feedback") is True
-    # Any law does where nothing of the study touches a contact.
-    default = () if needed or "friction" in actuator.entries else ("coulomb",)
-    return member("friction", actuator.option("friction", members("friction"), *default))
 
 
 def _read_records(top: Table, folder: Path, virtual: bool, settles: bool) -> tuple[Record, ...]:

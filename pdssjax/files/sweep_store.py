@@ -78,8 +78,8 @@ class SweepStore(AbstractBlockStore):
             _check_arrays(self._group, columns_of(document), plan)
             _, damaged = self._read_verified()
             if damaged:
-                told = "what was stored does not match its digest, or has none; computed again."
-                warnings.warn(f"{self.place}: {_name_blocks(damaged)} {told}", InputWarning, 3)
+                message = "what was stored does not match its digest, or has none; computed again."
+                warnings.warn(f"{self.place}: {_name_blocks(damaged)} {message}", InputWarning, 3)
             done = self._status() == DONE
             return plan, [number for number in range(plan.blocks) if number in damaged or not done[number]]
         except InputError:
@@ -128,10 +128,10 @@ class SweepStore(AbstractBlockStore):
         return rows
 
     def fail(self, number: int, reason: str) -> None:
-        told = np.zeros(_REASON, np.uint8)
+        padded = np.zeros(_REASON, np.uint8)
         text = reason.encode()[:_REASON]
-        told[: len(text)] = np.frombuffer(text, np.uint8)
-        self._group["reason"][number] = told
+        padded[: len(text)] = np.frombuffer(text, np.uint8)
+        self._group["reason"][number] = padded
         self._group["status"][number] = FAILED
 
     def read(self) -> Float[np.ndarray, "points columns"]:
@@ -140,8 +140,8 @@ class SweepStore(AbstractBlockStore):
         missing[list(damaged)] = True
         rows[np.repeat(missing, self._plan.lanes)[: len(rows)]] = blank(1, rows.shape[1])
         if damaged:
-            told = "what was stored does not match its digest and is left out; go on with --resume."
-            warnings.warn(f"{self.place}: {_name_blocks(damaged)} {told}", InputWarning, 3)
+            message = "what was stored does not match its digest and is left out; go on with --resume."
+            warnings.warn(f"{self.place}: {_name_blocks(damaged)} {message}", InputWarning, 3)
         return rows
 
     def _status(self) -> Int[np.ndarray, " blocks"]:
@@ -175,9 +175,9 @@ def check_zarr() -> None:
         found = ""
     # From 3.1.6 on it writes by renaming.
     if tuple(int(part) for part in found.split(".")[:3] if part.isdigit()) < (3, 1, 6):
-        told = f"zarr {found}" if found else "no zarr"
+        installed = f"zarr {found}" if found else "no zarr"
         raise InputError(
-            f"a sweep that can be resumed: found {told}, expected 3.1.6 or later: \"pip install 'zarr>=3.1.6'\"."
+            f"a sweep that can be resumed: found {installed}, expected 3.1.6 or later: \"pip install 'zarr>=3.1.6'\"."
         )
 
 

@@ -267,8 +267,8 @@ def numbers_used(study: Study, but: Collection[str] = ()) -> dict[str, UsedNumbe
 
     **Raises:** `InputError` for parameters without a number.
     """
-    told = study.parameters
+    parameters = study.parameters
     return {
-        path: {"value": number, "unit": told[path].unit, "source": told[path].origin}
+        path: {"value": number, "unit": parameters[path].unit, "source": parameters[path].origin}
         for path, number in study.values(but).items()
     }

@@ -14,9 +14,9 @@ def entry_names() -> list[str]:
     return [*(f"{said}/{name}" for said, family in FAMILIES.items() for name in members(family)), *PARTS_OF_A_RIG]
 
 
-def first_sentence(told: str) -> str:
+def first_sentence(docstring: str) -> str:
     """The first sentence of a docstring, on one line."""
-    return " ".join(told.split("\n\n")[0].split())
+    return " ".join(docstring.split("\n\n")[0].split())
 
 
 def entry_summaries() -> dict[str, str]:

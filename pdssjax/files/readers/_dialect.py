@@ -174,13 +174,13 @@ def _score(lines: Sequence[str], separator: str, decimal: str) -> float:
     if (separator, decimal) == (",", ",") and not any('"' in line for line in lines):
         return 0.0
     rows = [cells_of(line, separator) for line in _plain(lines)]
-    told = [(row, sum(is_number(cell, decimal) for cell in row)) for row in rows]
-    told = [(row, count) for row, count in told if count]
-    if not told:
+    counted = [(row, sum(is_number(cell, decimal) for cell in row)) for row in rows]
+    counted = [(row, count) for row, count in counted if count]
+    if not counted:
         return 0.0
-    width = Counter(len(row) for row, _ in told).most_common(1)[0][0]
-    usual = [row for row, _ in told if len(row) == width]
-    numbers = sum(count for row, count in told if len(row) == width)
+    width = Counter(len(row) for row, _ in counted).most_common(1)[0][0]
+    usual = [row for row, _ in counted if len(row) == width]
+    numbers = sum(count for row, count in counted if len(row) == width)
     words = sum(bool(cell) for row in usual for cell in row) - numbers
     # A decimal comma that no number has explains nothing that a point does not.
     needless = decimal == "," and not any("," in cell for row in usual for cell in row)
@@ -276,12 +276,12 @@ def _without_empty_end(row: list[str]) -> list[str]:
 def _scope_clock(above: Sequence[Sequence[str]], preamble: str, decimal: str) -> tuple[float, float] | None:
     """Start and interval [s] of the clock, where they stand below "Start" and "Increment" or beside them (Rigol)."""
     beside = re.findall(r"(start|increment)\s*[=,;]\s*([-+\d.eE]+)", preamble, re.IGNORECASE)
-    told = [(key.lower(), value) for key, value in beside]
+    pairs = [(key.lower(), value) for key, value in beside]
     for names, below in pairwise(above):
         lowered = [name.lower() for name in names]
         if "increment" in lowered:
-            told += zip(lowered, below, strict=False)
-    numbers = {key: float(number) for key, value in told if (number := plain_number(value, decimal))}
+            pairs += zip(lowered, below, strict=False)
+    numbers = {key: float(number) for key, value in pairs if (number := plain_number(value, decimal))}
     return (numbers.get("start", 0.0), numbers["increment"]) if numbers.get("increment", 0.0) > 0 else None
 
 
@@ -289,13 +289,13 @@ def _from_preamble(
     above: Sequence[str], separator: str, names: list[str], units: list[str], numeric: list[int], width: int
 ) -> tuple[list[str], list[str]]:
     """Names and units, where an oscilloscope's preamble tells what no header does (Tektronix)."""
-    told = {row[0].lower(): row[1] for row in (cells_of(line, separator) for line in above) if len(row) > 1}
-    across, up = told.get("horizontal units", ""), told.get("vertical units", "")
+    fields = {row[0].lower(): row[1] for row in (cells_of(line, separator) for line in above) if len(row) > 1}
+    across, up = fields.get("horizontal units", ""), fields.get("vertical units", "")
     if len(numeric) < 2 or unit_named(across) == "":
         return names, units
     if not names:
         names = [""] * width
-        names[numeric[0]], names[numeric[1]] = "time", told.get("source", "") or "CH1"
+        names[numeric[0]], names[numeric[1]] = "time", fields.get("source", "") or "CH1"
     if not units:
         units = [up if unit_named(up) else ""] * width
         units[numeric[0]] = across

@@ -121,13 +121,13 @@ def _unpacker(file: Path, stored: Any, of_table: bool) -> Callable[[np.ndarray],
     """What makes values of the numbers of the dataset `stored`, NaN of what is missing."""
     unread = _UNREAD if stored.dtype.kind in "iu" else ()
     said = {**{key: stored.parent.attrs[key] for key in unread if key in stored.parent.attrs}, **dict(stored.attrs)}
-    told = {
+    attributes = {
         key: said[key]
         for key in (*_PACKING, *_MISSING, "valid_range", "valid_min", "valid_max", *unread)
         if key in said
     }
     numbers: dict[str, np.ndarray] = {}
-    for key, value in told.items():
+    for key, value in attributes.items():
         where = f'{file}: channel "{stored.name.lstrip("/")}": attribute "{key}"'
         if of_table or key in _UNREAD:
             of_what = "of a table" if of_table else repr(value)
@@ -167,10 +167,10 @@ def _check_stored(file: Path, stored: Any) -> None:
 
 def _channel(opened: Any, line: _Line, number: int) -> Channel:
     stored = opened[line.path]
-    told = {**dict(stored.parent.attrs), **dict(stored.attrs)}
-    said = lambda keys: next((float(np.ravel(told[key])[0]) for key in keys if key in told), None)
+    attributes = {**dict(stored.parent.attrs), **dict(stored.attrs)}
+    said = lambda keys: next((float(np.ravel(attributes[key])[0]) for key in keys if key in attributes), None)
     rate, interval = said(RATES), said(INTERVALS)
-    unit = next((told[key] for key in ("units", "unit", "Unit", "Units", "YUnits") if key in stored.attrs), "")
+    unit = next((attributes[key] for key in ("units", "unit", "Unit", "Units", "YUnits") if key in stored.attrs), "")
     several = line.across is not None and min(stored.shape) > 1
     return Channel(
         _name(line, several),

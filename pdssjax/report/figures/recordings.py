@@ -16,15 +16,19 @@ from ._style import BLUE, GREY, VERMILION, YELLOW, fixed_ticks, styled_figure
 
 def guess_figure(name: str, guess: RecordGuess) -> Figure:
     """Voltage with the waveform found, over the motion; to the right, the first fast flank enlarged."""
-    moment = _moment(guess)
+    # The samples around the fastest change of the voltage, or of the motion where none was recorded.
+    changing, first, last = guess.motion if guess.volts is None else guess.volts, guess.time[0], guess.time[-1]
+    width = max(60 * float(np.median(np.diff(guess.time))), (last - first) / 60)
+    jump = float(guess.time[np.argmax(np.abs(np.diff(changing)))])
+    moment = max(jump - 0.2 * width, float(first)), min(jump + 0.8 * width, float(last))
     near = (guess.time >= moment[0]) & (guess.time <= moment[1])
     with styled_figure(7.4, 4.2) as figure:
         ((volts, near_volts), (motion, near_motion)) = figure.subplots(2, 2, sharex="col", width_ratios=(3, 2))
         whole = np.ones(guess.time.size, bool)
         for panels, part, factor in (((volts, motion), whole, 1.0), ((near_volts, near_motion), near, 1e3)):
             _draw_guess(*panels, guess, part, factor)
-        volts.axvspan(*moment, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
-        motion.axvspan(*moment, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
+        for panel in (volts, motion):
+            panel.axvspan(*moment, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
         volts.set_ylabel("voltage (V)")
         motion.set_ylabel(f"{guess.measures} ({_unit(guess)})" + (", turned" if guess.turned else ""))
         motion.set_xlabel("time on the file's clock (s)")
@@ -65,30 +69,21 @@ def _draw_guess(volts: Axes, motion: Axes, guess: RecordGuess, part: np.ndarray,
         label.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})
 
 
-def _moment(guess: RecordGuess) -> tuple[float, float]:
-    """Select the samples around the fastest change of the voltage, or of the motion where none was recorded."""
-    shown = guess.motion if guess.volts is None else guess.volts
-    interval = float(np.median(np.diff(guess.time)))
-    width = max(60 * interval, (guess.time[-1] - guess.time[0]) / 60)
-    jump = float(guess.time[np.argmax(np.abs(np.diff(shown)))])
-    return max(jump - 0.2 * width, float(guess.time[0])), min(jump + 0.8 * width, float(guess.time[-1]))
-
-
 def _guess_caption(name: str, guess: RecordGuess) -> str:
     wave = guess.waveform
     units = {"voltage": (1.0, "V"), "bias": (1.0, "V"), "frequency": (1.0, "Hz")}
     units |= {"fall_time": (1e3, "ms"), "rise_time": (1e3, "ms")}
-    told = [f"{wave.name} {wave.direction}".strip()]
+    parts = [f"{wave.name} {wave.direction}".strip()]
     if wave.name != "sampled":
         for field, number in wave.numbers.items():
             scale, unit = units.get(field, (1.0, ""))
             title = "" if field in ("voltage", "frequency") else field.replace("_", " ") + " "
-            told.append(f"{title}{scale * number:.5g} {unit}".strip())
-        told += [f"counted from {wave.counted_from:.4g} V"] * (wave.counted_from != 0)
+            parts.append(f"{title}{scale * number:.5g} {unit}".strip())
+        parts += [f"counted from {wave.counted_from:.4g} V"] * (wave.counted_from != 0)
     # To the nanosecond; in milliseconds where it is short, as in the enlarged panels.
     start, is_short = guess.start, abs(guess.start) < 0.1
-    told.append("t = 0 at " + (f"{round(1e3 * start, 6) + 0.0:.4g} ms" if is_short else f"{start:.7g} s"))
-    return f"{name}\n{', '.join(told)}; noise {guess.display.scale * guess.noise:.3g} {_unit(guess)}"
+    parts.append("t = 0 at " + (f"{round(1e3 * start, 6) + 0.0:.4g} ms" if is_short else f"{start:.7g} s"))
+    return f"{name}\n{', '.join(parts)}; noise {guess.display.scale * guess.noise:.3g} {_unit(guess)}"
 
 
 def _unit(guess: RecordGuess) -> str:

@@ -274,8 +274,8 @@ def _direction_keys(
 
 def _along_the_drive(data: "xarray.Dataset") -> "xarray.DataArray":
     """The speeds, positive where the motion is the drive's."""
-    told = data.speed.attrs | {"long_name": "speed along the drive"}
-    return (data.speed * data.drive_direction).assign_attrs(told).rename("speed")
+    attributes = data.speed.attrs | {"long_name": "speed along the drive"}
+    return (data.speed * data.drive_direction).assign_attrs(attributes).rename("speed")
 
 
 def border_figure(data: "xarray.Dataset") -> Figure:

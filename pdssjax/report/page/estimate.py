@@ -231,9 +231,9 @@ def _meanings(estimate: Estimate) -> dict[str, str]:
         family, _, name = base.partition(".")
         for home in homes.get(family, [family]):
             with contextlib.suppress(InputError, KeyError):
-                told = find_entry(home).parameters[name][1]
+                text = find_entry(home).parameters[name][1]
                 under = f" (under {condition})" if condition else ""
-                found[path] = f"{told.partition(' [')[0].rstrip('.')}{told.partition(']')[2].rstrip('.')}{under}"
+                found[path] = f"{text.partition(' [')[0].rstrip('.')}{text.partition(']')[2].rstrip('.')}{under}"
     return found
 
 

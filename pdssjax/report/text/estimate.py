@@ -289,9 +289,9 @@ def format_profiles(profiles: Sequence[Profile], parameters: Mapping[str, Fitted
         verdicts, ends = parameters[profile.path].verdicts or ("", ""), profile.linear[[0, -1]] / profile.threshold
         quality = "-" if math.isnan(profile.quality) else f"{profile.quality:.2f}"
         rows.append([profile.path, profile.verdict, *map(ratio, verdicts, ends), quality])
-    told = {profile.path for profile in profiles}
+    profiled = {profile.path for profile in profiles}
     for path, parameter in parameters.items():
-        if parameter.free and path not in told and (parameter.at_bound or not parameter.identifiable):
+        if parameter.free and path not in profiled and (parameter.at_bound or not parameter.identifiable):
             verdict = "held by a bound: the estimate lies there" if parameter.at_bound else "flat: no information"
             rows.append([path, verdict, "-", "-", "-"])
     legend = (

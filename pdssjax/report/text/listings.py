@@ -124,8 +124,8 @@ def format_entry(entry: "Entry") -> str:
     """Describe one member: its equations, from its module's docstring, and its parameters."""
     head = ["", "unit", "nominal", "", "what it is"]
     rows = [
-        [name, unit, f"{declared.nominal * scale:.6g}", "optional" if declared.optional else "", told]
-        for name, (declared, told) in entry.parameters.items()
+        [name, unit, f"{declared.nominal * scale:.6g}", "optional" if declared.optional else "", meaning]
+        for name, (declared, meaning) in entry.parameters.items()
         for unit, scale in [display_unit(declared.unit)]
     ]
     rows += [[name, "", "", "one of", ", ".join(words)] for name, words in entry.choices.items()]

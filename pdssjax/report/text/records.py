@@ -25,12 +25,12 @@ def format_records(records: Sequence[FittedRecord]) -> str:
 
 def format_numbers(used: Mapping[str, UsedNumber]) -> str:
     """The numbers with which records were predicted, as `numbers_used` tells them."""
-    scattered = any("standard_error" in told for told in used.values())
+    scattered = any("standard_error" in number for number in used.values())
     rows = [["", "unit", "value", *["+/-"] * scattered, "from"]]
-    for path, told in used.items():
-        unit, scale = display_unit(told["unit"])
-        error = f"{told['standard_error'] * scale:.2g}" if "standard_error" in told else "-"
-        rows.append([path, unit, f"{told['value'] * scale:.7g}", *[error] * scattered, told["source"]])
+    for path, number in used.items():
+        unit, scale = display_unit(number["unit"])
+        error = f"{number['standard_error'] * scale:.2g}" if "standard_error" in number else "-"
+        rows.append([path, unit, f"{number['value'] * scale:.7g}", *[error] * scattered, number["source"]])
     text = heading("Parameters used") + aligned_table("<<>" + ">" * scattered + "<", rows)
     return text + "    +/-: standard error; the bands scatter about these numbers.\n" * scattered
 

@@ -69,15 +69,15 @@ def _extremes(data: "xarray.Dataset", name: str, places: "Sequence[xarray.DataAr
     anywhere = lambda word: [word] + [""] * (len(places) - 1) if places else []
     if not bool(values.notnull().any()):
         return [[*head, "", "-", *["-"] * banded, *anywhere("nowhere")]]
-    told = []
+    extremes = []
     for end in (values.argmax, values.argmin):
         at = end(dim=...)
         numbers = [f"{float(values.isel(at)) * scale:.5g}"]
         if banded:
             half = 0.5 * (data[f"{name}_high"] - data[f"{name}_low"]).isel(at)
             numbers.append(f"{float(half) * scale:.2g}")
-        told.append((numbers, [_number(axis.isel({d: at[d] for d in axis.dims})) for axis in places]))
-    (most, there), (least, elsewhere) = told
+        extremes.append((numbers, [_number(axis.isel({d: at[d] for d in axis.dims})) for axis in places]))
+    (most, there), (least, elsewhere) = extremes
     if most == least:
         return [[*head, "", *most, *(there if values.size == 1 else anywhere("everywhere"))]]
     return [[*head, "most", *most, *there], ["", "", "least", *least, *elsewhere]]
@@ -88,16 +88,16 @@ def _both_directions(data: "xarray.Dataset") -> str:
     along = {way: (way * data.speed.sel(drive_direction=way)).values for way in (1.0, -1.0)}
     forward, backward = along.values()
     both = (forward > 0) & (backward > 0)
-    told = ""
+    text = ""
     if both.any():
         low, middle, high = np.quantile(backward[both] / forward[both], [0.0, 0.5, 1.0])
         where = "" if both.all() else f", at the {int(both.sum())} of {both.size} points where both move as driven"
-        told = f"    Backward is {middle:.3g} times as fast as forward in the median, "
-        told += f"{low:.3g} to {high:.3g} times{where}.\n"
+        text = f"    Backward is {middle:.3g} times as fast as forward in the median, "
+        text += f"{low:.3g} to {high:.3g} times{where}.\n"
     for name, speed in (("forward", forward), ("backward", backward)):
         wrong = int((speed < 0).sum())
-        told += f"    Driven {name} it moves the wrong way at {wrong} of {speed.size} points.\n" if wrong else ""
-    return told
+        text += f"    Driven {name} it moves the wrong way at {wrong} of {speed.size} points.\n" if wrong else ""
+    return text
 
 
 def direction_word(direction: float) -> str:
