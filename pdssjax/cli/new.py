@@ -30,10 +30,23 @@ LARGE, USUAL, SMALL = 2e-6, 3e-7, 5e-10
 
 def new(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import check_empty, friction_file, guess_file, load_study, write_friction_study, write_study
+    from ..files import (
+        RigOptions,
+        check_empty,
+        friction_file,
+        guess_file,
+        load_study,
+        write_friction_study,
+        write_study,
+    )
     from ..report.text import format_guesses
 
-    hints, rig, measures = _hints(options), _rig_options(options), _measures(options)
+    hints, measures = _hints(options), _measures(options)
+    # The voltage of a drive that goes down first is negative.
+    peak, frequency = _number(options, "peak", "V", above=None), _number(options, "frequency", "Hz")
+    if peak == 0:
+        raise InputError("option --peak: found 0 V, expected a voltage that is not 0.")
+    rig = RigOptions(peak, frequency, _number(options, "mass", "kg"))
     check_empty(options.folder)
     contacts, records, status = [], [], 0
     for file in options.files:
@@ -172,17 +185,6 @@ def _number(options: argparse.Namespace, key: str, unit: str, above: float | Non
     """The number [SI] of an option; None where it is left out."""
     text = getattr(options, key)
     return None if text is None else read_number(text, unit, f"option --{key}", above=above)
-
-
-def _rig_options(options: argparse.Namespace) -> "RigOptions":
-    from ..files import RigOptions
-
-    # The voltage of a drive that goes down first is negative.
-    peak, frequency = _number(options, "peak", "V", above=None), _number(options, "frequency", "Hz")
-    rig = RigOptions(peak, frequency, _number(options, "mass", "kg"))
-    if rig.peak == 0:
-        raise InputError("option --peak: found 0 V, expected a voltage that is not 0.")
-    return rig
 
 
 def _measures(options: argparse.Namespace) -> dict[Path, str]:

@@ -57,27 +57,24 @@ def check_read(paths: Iterable[str], models: Models, records: Sequence[Record], 
         return
     read = paths_read(models, records)
     for path in paths:
-        if path not in read:
-            raise without_effect(where, path, *_why_unread(path, records, models), read)
+        if path in read:
+            continue
+        part, _, field = path.partition(".")
+        if path in unused_by(models):
+            why, needs = MASS_UNUSED
+        elif part != "drive":
+            why, needs = _NEEDS[part]
+        elif any(record.drive is not None and field in record.drive.declared() for record in records):
+            why = f"every record sets the {field} of its own drive"
+            needs = f'"{path}" in [parameters], and a record whose drive leaves {field} out'
+        else:
+            why, needs = f"no drive of a record has a {field}", f"a record whose waveform has a {field}"
+        raise without_effect(where, path, why, needs, read)
 
 
 def without_effect(where: str, path: str, why: str, needs: str, read: Collection[str]) -> InputError:
     """The error for a `path` without effect: `why`, what it `needs`, and the nearest path that is `read`."""
     return InputError(f'{where}: found "{path}", which changes nothing: {why}. It needs {needs}; {nearest(path, read)}')
-
-
-def _why_unread(path: str, records: Sequence[Record], models: Models) -> tuple[str, str]:
-    part, _, field = path.partition(".")
-    if path in unused_by(models):
-        return MASS_UNUSED
-    if part != "drive":
-        return _NEEDS[part]
-    if any(record.drive is not None and field in record.drive.declared() for record in records):
-        return (
-            f"every record sets the {field} of its own drive",
-            f'"{path}" in [parameters], and a record whose drive leaves {field} out',
-        )
-    return f"no drive of a record has a {field}", f"a record whose waveform has a {field}"
 
 
 def check_whole_parts(paths: Collection[str], listed: Collection[str], where: str) -> None:

@@ -26,7 +26,7 @@ def record_figure(record: FittedRecord) -> Figure:
     role = "fitted" if record.role == "fit" else "not fitted"
     with styled_figure(7.4, 4.6) as figure:
         ratios = {"height_ratios": (2, 1), "width_ratios": (3, 2)}
-        ((motion, near), (residual, near_residual)) = figure.subplots(2, 2, sharex="col", **ratios)
+        ((motion, near), (residual, near_residual)) = figure.subplots(2, 2, sharex="col", gridspec_kw=ratios)
         motion.plot(record.time, measured, color=GREY, linewidth=2.4, label="measured")
         motion.plot(record.time, predicted, color=VERMILION, linewidth=0.9, label="predicted")
         motion.set_ylabel(f"{record.display.quantity} ({unit})")
