@@ -143,8 +143,11 @@ def main() -> None:
     quick = parser.parse_args().quick
     prepare_jax(dedicated=True)
     truths, laws = (["lugre"], LAWS[:3]) if quick else (list(CONTACTS), LAWS)
-    asked = itertools.product(truths, (2,) if quick else CYCLES, INTERVALS[::2] if quick else INTERVALS)
-    rows = [row(*case, answered(*case, laws)) for case in asked]
+    cases = itertools.product(truths, (2,) if quick else CYCLES, INTERVALS[::2] if quick else INTERVALS)
+    rows = list[Row]()
+    for case in cases:
+        rows.append(row(*case, answered(*case, laws)))
+        print(f"{rows[-1].name}: {rows[-1].ours}", flush=True)
     text = [print_table("The simplest law that is enough, on the thesis's rig", rows)]
     if not quick:
         text.append(print_table("A measured record", liu()))

@@ -22,7 +22,6 @@ def channels(options: argparse.Namespace) -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `channels`."""
     parser.set_defaults(run=channels)
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="file of an instrument")
-    parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of a text; left out: told by the file")
+    parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of a text file (default: found in it)")

@@ -71,28 +71,17 @@ def _names(text: str | None) -> list[str] | None:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `compare`."""
     parser.set_defaults(run=compare)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
-    parser.add_argument(
-        "--friction",
-        metavar="NAMES",
-        help='friction laws beside the study\'s own, with commas between them, or "all" (the default where no other '
-        'option asks for models); "anisotropic-lugre:force" is a law with that reading of its state',
-    )
-    parser.add_argument(
-        "--piezo", metavar="NAMES", help='models of stack and platform beside the study\'s own, or "all"'
-    )
-    parser.add_argument(
-        "--feedback", choices=["both"], help="compare models with and without friction acting back on the platform"
-    )
-    parser.add_argument(
-        "--effort",
-        choices=["quick", "usual", "thorough"],
-        default="quick",
-        help="of each fit, as of identify (default: quick)",
-    )
-    parser.add_argument(
-        "--resume", action="store_true", help="continue an interrupted comparison with the models already fitted in DIR"
-    )
+    text = 'friction laws beside the study\'s own, with commas between them, or "all" (the default where no other '
+    text += 'option asks for models); "anisotropic-lugre:force" is a law with that reading of its state'
+    parser.add_argument("--friction", metavar="NAMES", help=text)
+    text = 'models of stack and platform beside the study\'s own, or "all"'
+    parser.add_argument("--piezo", metavar="NAMES", help=text)
+    text = "compare models with and without friction acting back on the platform"
+    parser.add_argument("--feedback", choices=["both"], help=text)
+    text = "effort of each fit, as in identify (default: quick)"
+    parser.add_argument("--effort", choices=["quick", "usual", "thorough"], default="quick", help=text)
+    text = "continue an interrupted comparison with the models already fitted in DIR"
+    parser.add_argument("--resume", action="store_true", help=text)
     add_out(parser)

@@ -108,8 +108,8 @@ def counter(what: str) -> Iterator[Callable[[int, int], None]]:
             yield lambda done, count: bar.update(task, completed=done, total=count)
     else:
         tenth, first, begun = 0, None, time.monotonic()
-        told = lambda: print(f"compiling what computes the {what}", file=sys.stderr, flush=True)
-        compiling = threading.Timer(QUIET_S, told)
+        announce = lambda: print(f"compiling what computes the {what}", file=sys.stderr, flush=True)
+        compiling = threading.Timer(QUIET_S, announce)
         compiling.daemon = True
 
         def line(done: int, count: int) -> None:
@@ -119,8 +119,10 @@ def counter(what: str) -> Iterator[Callable[[int, int], None]]:
                 # What is counted first may be of an earlier run, or be slow because it compiles: rates begin here.
                 first, begun = done, time.monotonic()
             if 10 * done // count > tenth:
-                tenth = 10 * done // count
-                pace = _pace(done - first, count - done, time.monotonic() - begun)
+                tenth, pace, seconds = 10 * done // count, "", time.monotonic() - begun
+                if done > first and seconds > 0:
+                    rate = (done - first) / seconds
+                    pace = f", {rate:.3g} a second, {(count - done) / rate:.3g} s left"
                 print(f"{done} of {count} {what}{pace}", file=sys.stderr, flush=True)
 
         compiling.start()
@@ -128,14 +130,6 @@ def counter(what: str) -> Iterator[Callable[[int, int], None]]:
             yield line
         finally:
             compiling.cancel()
-
-
-def _pace(done: int, left: int, seconds: float) -> str:
-    """How fast it goes and how long it takes yet, where something was done since the clock started."""
-    if not (done and seconds > 0):
-        return ""
-    rate = done / seconds
-    return f", {rate:.3g} a second, {left / rate:.3g} s left"
 
 
 @contextlib.contextmanager

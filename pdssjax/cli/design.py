@@ -12,7 +12,7 @@ from .option_values import SEED, read_number, read_pairs, whole
 from .results import add_out, keep_results, reserved, say_where
 
 if TYPE_CHECKING:
-    from ..design import Aim, Knowledge, Plan
+    from ..design import Aim, Knowledge
     from ..files import DesignTable
     from ..study import Study
 
@@ -26,8 +26,17 @@ def design(options: argparse.Namespace) -> int:
 
 def _design(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import BUDGET_KEYS, load_study, plan_folder, read_design, read_knowledge, write_plan
-    from ..report.text import format_design
+    from ..files import (
+        BUDGET_KEYS,
+        REHEARSAL,
+        load_study,
+        plan_folder,
+        read_design,
+        read_knowledge,
+        write_plan,
+        write_rehearsal,
+    )
+    from ..report.text import format_design, format_rehearsal
 
     source, estimate = options.study, options.estimate
     if source.is_dir():
@@ -36,7 +45,7 @@ def _design(options: argparse.Namespace) -> int:
     budget = read_pairs(options.budget, "--budget", BUDGET_KEYS, "samples=2000")
     table = read_design(source, options.limit, budget)
     prepare_jax(dedicated=True)
-    from ..design import design_experiment
+    from ..design import design_experiment, rehearse
 
     study = with_solver(load_study(source, virtual=estimate is None), options)
     knowledge = None if estimate is None else read_knowledge(estimate)
@@ -55,22 +64,14 @@ def _design(options: argparse.Namespace) -> int:
     say(format_design(plan))
     written = keep_results(lambda place: write_plan(plan, source, table.document, place), options.out)
     if written and options.rehearse:
-        _rehearse(plan, source, table, options)
-    told = f"The plan is in {options.out}\nMake its records on the virtual rig with: pdssjax record "
-    return say_where(written, f"{told}{options.out / 'plan.toml'} --out ...")
-
-
-def _rehearse(plan: "Plan", source: Path, table: "DesignTable", options: argparse.Namespace) -> None:
-    from ..design import rehearse
-    from ..files import REHEARSAL, write_rehearsal
-    from ..report.text import format_rehearsal
-
-    with progress() as tell:
-        rehearsal = rehearse(plan, options.seed, tell)
-        tell("writing the rehearsal")
-        write = lambda place: write_rehearsal(rehearsal, plan, source, table.document, place)
-        keep_results(write, options.out / REHEARSAL)
-    say(format_rehearsal(rehearsal))
+        with progress() as tell:
+            rehearsal = rehearse(plan, options.seed, tell)
+            tell("writing the rehearsal")
+            write = lambda place: write_rehearsal(rehearsal, plan, source, table.document, place)
+            keep_results(write, options.out / REHEARSAL)
+        say(format_rehearsal(rehearsal))
+    where = f"The plan is in {options.out}\nMake its records on the virtual rig with: pdssjax record "
+    return say_where(written, f"{where}{options.out / 'plan.toml'} --out ...")
 
 
 def _aim(
@@ -100,23 +101,23 @@ def _aim(
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `design`."""
     parser.set_defaults(run=design)
     text = "study file (TOML), or a folder of results: of identify, or of a plan whose records were measured"
     parser.add_argument("study", type=Path, metavar="STUDY", help=text)
-    text = "an estimate.json: its numbers, its covariance as information that is there already, its misfit as noise"
+    text = "estimate.json from which to plan: its covariance counts as known, and its misfit as noise"
     parser.add_argument("--estimate", type=Path, metavar="FILE", help=text)
     text = "what the records may take together: samples=N records=N, and seconds=S and cost=C if these are limited"
     parser.add_argument("--budget", nargs="+", default=[], metavar="WHAT=N", help=text)
     text = 'a line of the study\'s [design] table, such as \'voltage = ["20 V", "100 V"]\'; may be repeated'
     parser.add_argument("--limit", action="append", default=[], metavar="LINE", help=text)
-    text = "d: the ellipsoid of all errors; a: their mean square. No aim: parameters whose profiles are open, or d"
+    text = "make the ellipsoid of all errors (d) or their mean square (a) small; without any aim: parameters whose "
+    text += "profiles are open, or d"
     parser.add_argument("--criterion", choices=["d", "a"], help=text)
-    text = "best for these parameters, with commas between them"
+    text = "plan for the errors of these parameters, with commas between them"
     parser.add_argument("--parameter", metavar="PATHS", help=text)
-    text = 'best for predicting the mean speed at a voltage and frequency, as in "64 V, 80 Hz"'
+    text = 'plan for predicting the mean speed at a voltage and frequency, as in "64 V, 80 Hz"'
     parser.add_argument("--speed-at", metavar="V,HZ", help=text)
-    text = "best for telling the study's friction law from this one, which is fitted first"
+    text = "plan for telling the study's friction law from this one, which is fitted first"
     parser.add_argument("--against", metavar="LAW", help=text)
     text = "take the estimate's numbers only: the plan is to stand on its own"
     parser.add_argument("--fresh", action="store_true", help=text)
@@ -124,6 +125,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--draws", type=whole(1, 1000), default=4, help=text)
     text = "carry the plan out on the virtual rig, identify it without starts, and compare promised and had errors"
     parser.add_argument("--rehearse", action="store_true", help=text)
-    parser.add_argument("--seed", type=SEED, default=0, help="of draws, noise and zeros (default 0)")
+    parser.add_argument("--seed", type=SEED, default=0, help="seed of draws, noise and zeros (default 0)")
     add_solver(parser)
     add_out(parser)

@@ -16,6 +16,5 @@ def example(options: argparse.Namespace) -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `example`."""
     parser.set_defaults(run=example)
     parser.add_argument("folder", type=Path, metavar="DIR", help="new or empty folder")

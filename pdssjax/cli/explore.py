@@ -16,14 +16,12 @@ if TYPE_CHECKING:
     from ..study import Study
 
 
-_PORTS = 65535
-"""The highest port there is."""
-
-
 def explore(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
 
-    _check_installed()
+    for library in ("panel", "tomlkit"):
+        if importlib.util.find_spec(library) is None:
+            raise InputError(f'explore: found no {library}, expected it installed: pip install "pdssjax[explore]"')
     prepare_jax(dedicated=True)
     from ..explore import Workbench, serve, settings_of
     from ..files import read_estimate_folder, read_sweep
@@ -44,18 +42,8 @@ def explore(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check_installed() -> None:
-    """**Raises** `InputError` where what the page needs is missing."""
-    for library in ("panel", "tomlkit"):
-        if importlib.util.find_spec(library) is None:
-            raise InputError(f'explore: found no {library}, expected it installed: pip install "pdssjax[explore]"')
-
-
 def _study(options: argparse.Namespace) -> tuple["Study", "Study"]:
-    """The study with starts for its free parameters, and the study with the numbers that the page shows first.
-
-    **Raises:** `InputError` where it has no record, and for parameters without a number.
-    """
+    """The study with starts for its free parameters, and the study with the numbers that the page shows first."""
     import dataclasses
 
     import pdssjax
@@ -70,14 +58,11 @@ def _study(options: argparse.Namespace) -> tuple["Study", "Study"]:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `explore`."""
     parser.set_defaults(run=explore)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     add_numbers(parser)
-    parser.add_argument(
-        "--sweep", type=Path, metavar="DIR", help="show the map in the results of pdssjax sweep, to click points in"
-    )
-    parser.add_argument(
-        "--port", type=whole(0, _PORTS), default=0, metavar="N", help="of the page (default: a free one)"
-    )
+    text = "show the map in the results of pdssjax sweep, to click points in"
+    parser.add_argument("--sweep", type=Path, metavar="DIR", help=text)
+    text = "port of the page (default: a free one)"
+    parser.add_argument("--port", type=whole(0, 65535), default=0, metavar="N", help=text)
     parser.add_argument("--no-browser", action="store_true", help="say where the page is, and open no browser")

@@ -1,10 +1,4 @@
-"""The command `pdssjax`: its options, and its exit status.
-
-0 success; 2 the input is at fault, or the installed JAX computes wrongly; 3 a fit did not converge or does not explain
-its records (its result is written), or no model, sweep point or record could be computed; 4 results could not be
-written to the folder asked for (the last lines say where they are).  Interrupted: 130 (Ctrl-C), 143 (SIGTERM) or 129
-(SIGHUP); a fit then leaves its best point so far in its folder, marked.
-"""
+"""The command `pdssjax`: its options, and its exit status, which `pdssjax --help` lists."""
 
 import argparse
 import contextlib
@@ -47,8 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Of every function that it reads from its cache, XLA logs 2 kB of errors that are none, on processors with AVX-512
     # (jax issue 38445).  What does go wrong raises.  Read when JAX is imported, so not by `prepare_jax`.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-    told = contextlib.redirect_stderr(LenientStream(sys.stderr))
-    with told, warnings.catch_warnings(), requests_to_end() as received:
+    lenient = contextlib.redirect_stderr(LenientStream(sys.stderr))
+    with lenient, warnings.catch_warnings(), requests_to_end() as received:
         warnings.simplefilter("always", InputWarning)
         # Plots show a box for a letter that their font does not have.
         warnings.filterwarnings("ignore", r"Glyph .* missing from font", UserWarning)
@@ -60,7 +54,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.command_line = shlex.join(["pdssjax", *given])
             return options.run(options)
         except (InputError, MiscompilationError, OSError) as error:
-            note(f"error: {_shorten(str(error))}")
+            message = str(error)
+            # Longer than any name of a file or a column; both ends tell most.
+            note(f"error: {message if len(message) <= 2000 else f'{message[:1000]} ... {message[-1000:]}'}")
             return 2
         except KeyboardInterrupt:
             note("interrupted")
@@ -73,7 +69,7 @@ def run() -> int:
     They would be waited for, which takes minutes, or crash Python's orderly end.
     """
     status = main()
-    if status > _BROKEN_OFF:
+    if status > 128:  # by a signal
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError, ValueError):
                 stream.flush()
@@ -118,24 +114,14 @@ def exit_status(received: Sequence[int]) -> int:
     return 128 + (received[0] if received else signal.SIGINT)
 
 
-_LONGEST = 2000
-"""Characters of a message."""
-
-_BROKEN_OFF = 128
-"""Exit statuses above it are those of signals."""
-
-
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        told = f"option {message.removeprefix('argument ')}" if message.startswith("argument -") else message
-        raise InputError(told if told.endswith(".") else f"{told} (see {self.prog} --help)")
+        text = f"option {message.removeprefix('argument ')}" if message.startswith("argument -") else message
+        raise InputError(text if text.endswith(".") else f"{text} (see {self.prog} --help)")
 
 
 def _check_values(given: Sequence[str]) -> None:
-    """**Raises** `InputError` for an option with "--" as its value, which argparse takes away without a look.
-
-    So it does for a NUL, which no name of a file has.
-    """
+    """Refuse "--" as the value of an option, which argparse takes away without a look, and a NUL, which no file has."""
     for argument in given:
         if "\0" in argument:
             raise InputError(f"argument {argument!r:.80}: found a NUL character, expected none.")
@@ -144,11 +130,6 @@ def _check_values(given: Sequence[str]) -> None:
         name, equals, value = argument.partition("=")
         if name.startswith("--") and equals and value == "--":
             raise InputError(f'option {name}: found "--", expected a value.')
-
-
-def _shorten(message: str) -> str:
-    """Shorten a `message` that is longer than any name of a file or a column, in its middle."""
-    return message if len(message) <= _LONGEST else f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
 
 
 class _Version(argparse.Action):

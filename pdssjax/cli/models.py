@@ -12,17 +12,15 @@ def models(options: argparse.Namespace) -> int:
         from ..study import find_entry
 
         say(format_entry(find_entry(options.name)), end="")
-        return 0
-    from ..study import entry_summaries
+    else:
+        # All of them are listed from their files: none is loaded for it, nor JAX.
+        from ..study import entry_summaries
 
-    # All of them are listed from their files: none is loaded for it, nor JAX.
-    say(format_catalogue(entry_summaries()), end="")
+        say(format_catalogue(entry_summaries()), end="")
     return 0
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `models`."""
     parser.set_defaults(run=models)
-    parser.add_argument(
-        "name", nargs="?", metavar="NAME", help='one of them, such as "lugre": equations and parameters'
-    )
+    text = 'a member, such as "lugre", of which to show equations and parameters (default: list all)'
+    parser.add_argument("name", nargs="?", metavar="NAME", help=text)

@@ -12,36 +12,17 @@ from .console import note, say
 from .option_values import number_or_text, read_number, read_pairs
 
 if TYPE_CHECKING:
-    from ..files import FrictionFile, Hints, NewRecord, RigOptions
-    from ..metrics import RecordGuess
+    from ..files import Hints, NewRecord, RigOptions
 
 
 QUANTITIES = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s", "force": "N"}
 """What a channel may be, and its unit."""
 
-MEASURED = ("platform", "effector")
-"""What a record of a new study may measure."""
-
 MANY = 100_000
 """Samples of a record from which the user is told how to keep fewer."""
 
-MONITORED = 10.5
-"""Greatest voltage [V] that monitors and commands of amplifiers have."""
-
-MONITORS = ("mon", "cmd", "command", "control", "sense", "setpoint", "soll")
-"""What is in the names of such channels."""
-
-HEAVY = 5.0
-"""Mass of an end-effector [kg] from which its unit may be wrong."""
-
 SLOW, FAST = 0.05, 15e3
 """Frequencies of a drive [Hz] beyond which the clock's unit may be wrong."""
-
-HIGH = 1000.0
-"""Voltage [V] from which its unit or scale may be wrong."""
-
-ROUNDED = 1.4
-"""Second half of a fast flank over its first one, in time, from which it is no straight line."""
 
 LARGE, USUAL, SMALL = 2e-6, 3e-7, 5e-10
 """Gain [m/V] from which a unit or a scale may be wrong, that of most stacks at most, and up to which one may be."""
@@ -49,10 +30,23 @@ LARGE, USUAL, SMALL = 2e-6, 3e-7, 5e-10
 
 def new(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import check_empty, friction_file, guess_file, load_study, write_study
+    from ..files import (
+        RigOptions,
+        check_empty,
+        friction_file,
+        guess_file,
+        load_study,
+        write_friction_study,
+        write_study,
+    )
     from ..report.text import format_guesses
 
-    hints, rig, measures = _hints(options), _rig_options(options), _measures(options)
+    hints, measures = _hints(options), _measures(options)
+    # The voltage of a drive that goes down first is negative.
+    peak, frequency = _number(options, "peak", "V", above=None), _number(options, "frequency", "Hz")
+    if peak == 0:
+        raise InputError("option --peak: found 0 V, expected a voltage that is not 0.")
+    rig = RigOptions(peak, frequency, _number(options, "mass", "kg"))
     check_empty(options.folder)
     contacts, records, status = [], [], 0
     for file in options.files:
@@ -68,46 +62,29 @@ def new(options: argparse.Namespace) -> int:
             status = 2
     if status:
         return status
-    if contacts:
-        return _study_of_contacts(options, contacts, records)
-    prepare_jax(dedicated=True)
-    path = write_study(records, rig, options.folder, options.title or options.folder.resolve().name)
-    say(format_guesses([(record.name, record.guess) for record in records]), end="")
-    _warn(records, rig)
-    load_study(path)
-    return _say_next(options.folder, path)
-
-
-def _say_next(folder: Path, study: Path) -> int:
-    """Say what to do with a study that was made; the exit status."""
-    say(f"Look at {folder / 'check'}, edit {study} where a guess is wrong, then run:")
-    say(f"pdssjax identify {study} --out {folder / 'out'}")
-    return 0
-
-
-def _study_of_contacts(
-    options: argparse.Namespace, files: "Sequence[FrictionFile]", others: "Sequence[NewRecord]"
-) -> int:
-    """Make a study of friction records of a contact alone, as a tribometer writes them; `others` must be empty."""
-    from ..core import prepare_jax
-    from ..files import load_study, write_friction_study
-
-    if others:
+    if contacts and records:
         raise InputError(
-            f"{others[0].roles.file}: found no force in it, beside {files[0].roles.file}, which is of a contact alone, "
-            'expected files of one kind: make a study of each, and join their [[record]] tables ("What can be '
+            f"{records[0].roles.file}: found no force in it, beside {contacts[0].roles.file}, which is of a contact "
+            'alone, expected files of one kind: make a study of each, and join their [[record]] tables ("What can be '
             'measured" in docs/study-file.md).'
         )
     prepare_jax(dedicated=True)
-    path = write_friction_study(files, options.folder, options.title or options.folder.resolve().name)
+    folder = options.folder
+    title = options.title or folder.resolve().name
+    if contacts:
+        path = write_friction_study(contacts, folder, title)
+        for contact in contacts:
+            turned = ", turned to have the sign of the motion" if contact.turned else ""
+            what = f"a contact alone, its force against a {contact.quantity}"
+            say(f"{contact.roles.file}: {what}, {contact.force.size} samples{turned}")
+    else:
+        path = write_study(records, rig, folder, title)
+        say(format_guesses([(record.name, record.guess) for record in records]), end="")
+        _warn(records, rig)
     load_study(path)
-    for file in files:
-        turned = ", turned to have the sign of the motion" if file.turned else ""
-        say(
-            f"{file.roles.file}: a contact alone, its force against a {file.quantity}, "
-            f"{file.force.size} samples{turned}"
-        )
-    return _say_next(options.folder, path)
+    say(f"Look at {folder / 'check'}, edit {path} where a guess is wrong, then run:")
+    say(f"pdssjax identify {path} --out {folder / 'out'}")
+    return 0
 
 
 def _warn(records: Sequence["NewRecord"], rig: "RigOptions") -> None:
@@ -117,7 +94,7 @@ def _warn(records: Sequence["NewRecord"], rig: "RigOptions") -> None:
     said = []
     if rig.mass is None and any(record.guess.measures == "effector" for record in records):
         said.append('the mass of the end-effector is a guess, 100 g: give --mass "86 g"')
-    if rig.mass is not None and rig.mass > HEAVY:
+    if rig.mass is not None and rig.mass > 5.0:
         said.append(f"found a mass of {rig.mass:g} kg, more than friction carries: is its unit right?")
     for record in records:
         guess, file = record.guess, record.roles.file
@@ -136,7 +113,7 @@ def _warn(records: Sequence["NewRecord"], rig: "RigOptions") -> None:
                 f"{file}: found {volts} at most, as a monitor or a command of an amplifier has, "
                 "and a study wants the voltage at the piezo: of a monitor 1:20 say --scale voltage=20"
             )
-        said += [f"{file}: found {what}" for what in [*_describe_implausible(guess), *_describe_rounding(record)]]
+        said += [f"{file}: found {what}" for what in _describe_implausible(record)]
         if gain < SMALL:
             said.append(
                 f"{file}: found {1e9 * gain:.3g} nm/V, less than a stack moves: is the displacement's unit right?"
@@ -145,15 +122,17 @@ def _warn(records: Sequence["NewRecord"], rig: "RigOptions") -> None:
         note(f"warning: {line}")
 
 
-def _describe_implausible(guess: "RecordGuess") -> list[str]:
-    """The properties of a record that no rig can have, in words."""
-    from ..metrics import clipped, describe_hold
+def _describe_implausible(record: "NewRecord") -> list[str]:
+    """The properties of a record that no rig can have, or no waveform of a study, in words."""
+    from ..files import drive_of_samples
+    from ..metrics import clipped, describe_hold, rounding_of
 
-    said, numbers = [], guess.waveform.numbers
+    said, guess = [], record.guess
+    numbers = guess.waveform.numbers
     frequency, peak = numbers.get("frequency"), abs(numbers.get("voltage", 0.0))
     if frequency is not None and not SLOW < frequency < FAST:
         said.append(f"a drive of {frequency:.3g} Hz: is the clock's unit right?")
-    if peak > HIGH:
+    if peak > 1000.0:
         said.append(f"{peak:.4g} V, more than stacks bear: is the voltage's unit or scale right?")
     measured = guess.motion if guess.velocity is None else guess.velocity
     for end, count in clipped(measured, guess.volts).items():
@@ -163,22 +142,15 @@ def _describe_implausible(guess: "RecordGuess") -> list[str]:
         )
     if held := describe_hold(measured):
         said.append(held)
+    # Second half of a fast flank over its first one, in time.
+    ratio = 0.0 if guess.volts is None else rounding_of(guess.time, guess.volts, guess.waveform)
+    if ratio > 1.4:
+        said.append(
+            f"a fast flank that is no straight line: its second half takes {ratio:.2g} times as long as its first one, "
+            'as behind an amplifier (2.7). List "amplifier.bandwidth" = {} among the parameters, or take its samples: '
+            f"{drive_of_samples(record)}"
+        )
     return said
-
-
-def _describe_rounding(record: "NewRecord") -> list[str]:
-    """A rounded flank that no fall or rise time describes, in words."""
-    from ..files import drive_of_samples
-    from ..metrics import rounding_of
-
-    guess = record.guess
-    if guess.volts is None or not (ratio := rounding_of(guess.time, guess.volts, guess.waveform)) > ROUNDED:
-        return []
-    return [
-        f"a fast flank that is no straight line: its second half takes {ratio:.2g} times as long as its first one, as "
-        'behind an amplifier (2.7). List "amplifier.bandwidth" = {} among the parameters, or take its samples: '
-        f"{drive_of_samples(record)}"
-    ]
 
 
 def _before_an_amplifier(record: "NewRecord", gain: float) -> str:
@@ -187,8 +159,10 @@ def _before_an_amplifier(record: "NewRecord", gain: float) -> str:
     if channel is None or "voltage" in layout.scales:
         return ""
     peak = abs(record.guess.waveform.numbers["voltage"])
-    named = any(word in channel.name.lower() for word in MONITORS)
-    return f"{peak:.3g} V" if peak < MONITORED and (named or gain > USUAL) else ""
+    words = ("mon", "cmd", "command", "control", "sense", "setpoint", "soll")
+    named = any(word in channel.name.lower() for word in words)
+    # Monitors and commands have 10 V at most, and some overshoot.
+    return f"{peak:.3g} V" if peak < 10.5 and (named or gain > USUAL) else ""
 
 
 def _hints(options: argparse.Namespace) -> "Hints":
@@ -203,25 +177,14 @@ def _hints(options: argparse.Namespace) -> "Hints":
         number = split_text(factor, "option --scale")[0] if isinstance(factor, str) else factor
         if number == 0 or not math.isfinite(number):
             raise InputError(f'option --scale: found "{quantity}={factor}", expected a finite number that is not 0.')
-    interval = None
-    if options.interval is not None:
-        interval = read_number(options.interval, "s", "option --interval", above=0.0)
     units = read_pairs(options.unit, "--unit", QUANTITIES, "displacement=um")
-    return Hints(columns, units, scales, interval, options.decimal or "")
+    return Hints(columns, units, scales, _number(options, "interval", "s"), options.decimal or "")
 
 
-def _rig_options(options: argparse.Namespace) -> "RigOptions":
-    from ..files import RigOptions
-
-    def number(key: str, unit: str, above: float | None = 0.0) -> float | None:
-        text = getattr(options, key)
-        return None if text is None else read_number(text, unit, f"option --{key}", above=above)
-
-    # The voltage of a drive that goes down first is negative.
-    rig = RigOptions(number("peak", "V", None), number("frequency", "Hz"), number("mass", "kg"))
-    if rig.peak == 0:
-        raise InputError("option --peak: found 0 V, expected a voltage that is not 0.")
-    return rig
+def _number(options: argparse.Namespace, key: str, unit: str, above: float | None = 0.0) -> float | None:
+    """The number [SI] of an option; None where it is left out."""
+    text = getattr(options, key)
+    return None if text is None else read_number(text, unit, f"option --{key}", above=above)
 
 
 def _measures(options: argparse.Namespace) -> dict[Path, str]:
@@ -229,16 +192,13 @@ def _measures(options: argparse.Namespace) -> dict[Path, str]:
     of_all, of_some = {}, {}
     for text in options.measures:
         pattern, _, kind = (part.strip() for part in text.rpartition("="))
-        if kind not in MEASURED:
+        if kind not in ("platform", "effector"):
             raise InputError(
                 f'option --measures: found "{text}", expected "platform" or "effector", of some files after their name '
                 'or a pattern of names: "step*.csv=platform".'
             )
-        meant = [
-            f
-            for f in options.files
-            if not pattern or pattern in (f.name, str(f)) or any(fnmatch(n, pattern) for n in (f.name, str(f)))
-        ]
+        fits = lambda name, pattern=pattern: name == pattern or fnmatch(name, pattern)
+        meant = [file for file in options.files if not pattern or fits(file.name) or fits(str(file))]
         if not meant:
             names = ", ".join(file.name for file in options.files)
             raise InputError(f'option --measures: found "{pattern}", expected the name of a file of --files: {names}.')
@@ -247,28 +207,26 @@ def _measures(options: argparse.Namespace) -> dict[Path, str]:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `new`."""
     parser.set_defaults(run=new)
     parser.add_argument("folder", type=Path, metavar="DIR", help="new or empty folder for the study")
     text = "records (CSV, MATLAB, TDMS, HDF5, oscilloscope); one of each run of the rig"
     parser.add_argument("--files", nargs="+", type=Path, required=True, metavar="FILE", help=text)
     for quantity, unit in QUANTITIES.items():
-        text = f"channel of the {quantity}, by name or number; left out: told by unit [{unit}], name or shape"
+        text = f"channel of the {quantity}, by name or number (default: found by unit [{unit}], name or shape)"
         text += '; "none" where none was recorded' if quantity == "voltage" else ""
         parser.add_argument(f"--{quantity}", metavar="COL", help=text)
     text = "unit of time, voltage, displacement, velocity or force, where the file does not tell it; repeatable"
     parser.add_argument("--unit", action="append", default=[], metavar="QUANTITY=UNIT", help=text)
     text = 'factor of voltage, displacement, velocity or force, such as "displacement=0.5 um/V"; repeatable'
     parser.add_argument("--scale", action="append", default=[], metavar="QUANTITY=FACTOR", help=text)
-    parser.add_argument("--interval", metavar="T", help='between samples where no clock was stored, such as "50 us"')
-    parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of texts; left out: told by the file")
-    text = (
-        "platform or effector: what was measured in all files, or in those of a name or pattern; left out: guessed for "
-        "each; repeatable"
-    )
+    text = 'time between samples where no clock was stored, such as "50 us"'
+    parser.add_argument("--interval", metavar="T", help=text)
+    parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of text files (default: found in each)")
+    text = "platform or effector: what was measured in all files, or in those of a name or pattern (default: guessed "
+    text += "for each); repeatable"
     parser.add_argument("--measures", action="append", default=[], metavar="[FILE=]KIND", help=text)
     parser.add_argument("--peak", metavar="V", help='voltage of the drive where it was not recorded, such as "30 V"')
-    text = "of the drive where its voltage was not recorded; left out: found in the motion"
+    text = "frequency of the drive where its voltage was not recorded (default: found in the motion)"
     parser.add_argument("--frequency", metavar="F", help=text)
-    parser.add_argument("--mass", metavar="M", help='of the end-effector, such as "86 g"')
-    parser.add_argument("--title", help="of the study; left out: the folder's name")
+    parser.add_argument("--mass", metavar="M", help='mass of the end-effector, such as "86 g"')
+    parser.add_argument("--title", help="title of the study (default: the folder's name)")

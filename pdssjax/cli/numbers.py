@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 def add_numbers(parser: argparse.ArgumentParser) -> None:
     text = "take the parameters' numbers from an estimate.json in place of the study's values and starts"
     parser.add_argument("--estimate", type=Path, metavar="FILE", help=text)
-    text = "guess from the records what then has no number: rough, where a fit may begin; without it that is an error"
+    text = "guess roughly from the records what has no number then; without it a missing number is an error"
     parser.add_argument("--guess", action="store_true", help=text)
     add_solver(parser)
 
 
 def add_solver(parser: argparse.ArgumentParser) -> None:
-    text = "integrate every simulation by this solver; left out: the study's, or taylor. All but taylor are diffrax's"
+    text = "solver of every simulation (default: the study's, or taylor); all but taylor are diffrax's"
     parser.add_argument("--solver", choices=SOLVERS, help=text)
 
 
@@ -39,8 +39,7 @@ def study_of(options: argparse.Namespace, virtual: bool = False) -> "Study":
     """The study of a command, with the numbers of `--estimate`, and those of `--guess` for what then is missing."""
     import pdssjax
 
-    study = pdssjax.load_study(options.study, virtual=True) if virtual else pdssjax.load_study(options.study)
-    return with_numbers(with_solver(study, options), options)
+    return with_numbers(with_solver(pdssjax.load_study(options.study, virtual), options), options)
 
 
 def with_numbers(study: "Study", options: argparse.Namespace) -> "Study":

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from ..core import Quantity
 
-_WHOLE = re.compile(r"[+-]?[0-9]+")
-
 _SHOWN = 40
 """Characters of a value that a message quotes, and digits that a whole number may have."""
 
@@ -22,7 +20,7 @@ _SHOWN = 40
 def read_whole(text: str, where: str, least: int, most: int = MOST_DRAWN) -> int:
     """The whole number from `least` to `most` that `text` is; **raises** `InputError` that begins with `where`."""
     shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
-    if not _WHOLE.fullmatch(text):
+    if not re.fullmatch(r"[+-]?[0-9]+", text):
         raise InputError(f'{where}: found "{shown}", expected a whole number.')
     if len(text) > _SHOWN:
         raise InputError(f"{where}: found {shown}, expected a whole number from {least} to {most}.")
@@ -39,8 +37,8 @@ def whole(least: int, most: int = MOST_DRAWN, word: str = "") -> Callable[[str],
         try:
             return read_whole(text, "", least, most)
         except InputError as error:
-            told = str(error).removeprefix(": ")
-            raise argparse.ArgumentTypeError(f'{told[:-1]}, or "{word}".' if word else told) from None
+            message = str(error).removeprefix(": ")
+            raise argparse.ArgumentTypeError(f'{message[:-1]}, or "{word}".' if word else message) from None
 
     return read
 
@@ -59,11 +57,7 @@ def number_or_text(text: str) -> float | str:
 
 
 def read_number(text: str, unit: str, where: str, *, least: float | None = None, above: float | None = None) -> float:
-    """The number [SI] that `text` is, with a unit or without, finite.
-
-    **Raises:** `InputError` that begins with `where` for anything else, and for one that is less than `least`, or not
-    `above` another one, where these are given.
-    """
+    """The number [SI] that `text` is, with a unit or without, finite."""
     number = to_si(number_or_text(text), unit, where)
     shown = f"{number:g} {unit}".strip()
     if least is not None and number < least:
@@ -74,10 +68,7 @@ def read_number(text: str, unit: str, where: str, *, least: float | None = None,
 
 
 def read_pairs(given: Iterable[str], option: str, quantities: Collection[str], example: str) -> dict[str, str]:
-    """Texts by quantity, one of the `quantities`, from what was `given` for an option, each such as the `example`.
-
-    **Raises:** `InputError` for another quantity, or one without a text.
-    """
+    """Texts by quantity, one of the `quantities`, from what was `given` for an option, each such as the `example`."""
     pairs = {}
     for text in given:
         quantity, _, value = (part.strip() for part in text.partition("="))
@@ -89,12 +80,6 @@ def read_pairs(given: Iterable[str], option: str, quantities: Collection[str], e
     return pairs
 
 
-_AXIS = (
-    'expected FROM:TO:COUNT such as "20:80:40", FROM:TO:COUNT:log for equal ratios, values with commas between them, '
-    "or one value"
-)
-
-
 def read_axis(
     path: str, text: str, legal: "Mapping[str, Quantity]", words: Mapping[str, Mapping[str, float]] | None = None
 ) -> 'Float[np.ndarray, " values"]':
@@ -102,21 +87,25 @@ def read_axis(
 
     **Arguments:** `legal` tells what is declared of each path, `words` what stands for numbers in one of words, such
     as "forward" and "backward".
-
-    **Raises:** `InputError` for an unknown path, a text that is no range, ends the wrong way round, or a unit that
-    does not fit.
     """
     import numpy as np
 
     where = f'sweep: path "{path}"'
     if words is not None and path in words:
-        return np.array([_word(part.strip(), words[path], where) for part in text.split(",")])
+        given, numbers = [part.strip() for part in text.split(",")], words[path]
+        for word in given:
+            if word not in numbers:
+                raise InputError(f'{where}: found "{word}"; {nearest(word, numbers)}')
+        return np.array([numbers[word] for word in given])
     unit = unit_of(path, legal)
     parts = [part.strip() for part in text.split(":")]
     if len(parts) == 1:
         return np.array([read_number(part.strip(), unit, where) for part in text.split(",")])
     if len(parts) not in (3, 4) or not parts[2].isdecimal() or parts[3:] not in ([], ["log"]):
-        raise InputError(f'{where}: found "{text}", {_AXIS}.')
+        raise InputError(
+            f'{where}: found "{text}", expected FROM:TO:COUNT such as "20:80:40", FROM:TO:COUNT:log for equal ratios, '
+            "values with commas between them, or one value."
+        )
     count = read_whole(parts[2], f'{where}: number of values in "{text}"', 1, MOST_POINTS)
     low, high = (read_number(part, unit, where) for part in parts[:2])
     _check_order(low, high, text, where)
@@ -127,10 +116,7 @@ def read_axis(
 
 
 def read_range(path: str, text: str, legal: "Mapping[str, Quantity]") -> tuple[float, float]:
-    """The ends [SI] of the range of `path` from which a sample is taken, as `text` says: "20 V:80 V".
-
-    **Raises:** `InputError` as `read_axis` does.
-    """
+    """The ends [SI] of the range of `path` from which a sample is taken, as `text` says: "20 V:80 V"."""
     where = f'sweep: path "{path}"'
     unit, parts = unit_of(path, legal), [part.strip() for part in text.split(":")]
     if len(parts) != 2:
@@ -154,9 +140,3 @@ def unit_of(path: str, legal: "Mapping[str, Quantity]") -> str:
             f'sweep: found the unknown path "{path}"; {nearest(path, [*legal, "drive.voltage", "drive.frequency"])}'
         )
     return unit
-
-
-def _word(text: str, words: Mapping[str, float], where: str) -> float:
-    if text not in words:
-        raise InputError(f'{where}: found "{text}"; {nearest(text, words)}')
-    return words[text]

@@ -38,9 +38,8 @@ def record(options: argparse.Namespace) -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `record`."""
     parser.set_defaults(run=record)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML) whose parameters all have numbers")
     add_numbers(parser)
-    parser.add_argument("--seed", type=SEED, default=0, help="another seed, other noise (default 0)")
+    parser.add_argument("--seed", type=SEED, default=0, help="seed of noise and zeros (default 0)")
     add_out(parser)

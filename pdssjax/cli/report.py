@@ -36,7 +36,6 @@ def report(options: argparse.Namespace) -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `report`."""
     parser.set_defaults(run=report)
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of results, such as that of identify")
     text = "HTML file to write (default: report.html in DIR)"

@@ -21,11 +21,7 @@ def add_out(parser: argparse.ArgumentParser, required: bool = True) -> None:
 
 @contextlib.contextmanager
 def reserved(options: argparse.Namespace, *below: str) -> Iterator[None]:
-    """Reserve the folder of `--out`, and what is `below` it, for this command; without `--out` reserve nothing.
-
-    **Raises:** `InputError` where a folder holds results and the options do not say to replace them or to go on, cannot
-    be written to, or another command works there.
-    """
+    """Reserve the folder of `--out`, and what is `below` it, for this command; without `--out` reserve nothing."""
     from ..files import reserved_folder
 
     replaces = options.overwrite or getattr(options, "resume", False)

@@ -13,5 +13,4 @@ def schema(options: argparse.Namespace) -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add no options: `schema` has none."""
     parser.set_defaults(run=schema)

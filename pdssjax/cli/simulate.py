@@ -1,6 +1,7 @@
 """`pdssjax simulate`: predicts every record of a study."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,9 +10,7 @@ from .numbers import add_numbers, study_of
 from .results import NOTHING_FOUND, add_out, keep_results, reserving, say_where
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from ..study import FittedRecord, Record
+    from ..study import FittedRecord
 
 
 @reserving
@@ -21,13 +20,20 @@ def simulate(options: argparse.Namespace) -> int:
     from ..report.text import format_numbers, format_records
 
     prepare_jax(dedicated=True)
-    from ..study import failure_cause, numbers_used
+    import numpy as np
+
+    from ..study import compare, failure_cause, numbers_used
 
     study = study_of(options)
     used = numbers_used(study)
     with progress() as tell:
         tell("simulating")
-        records = [_compare_record(*pair) for pair in zip(study.records, study.predict(), strict=True)]
+        records: list[FittedRecord] = []
+        for record, predicted in zip(study.records, map(np.asarray, study.predict()), strict=True):
+            # The record's own zero: given, or the best fit to the data.
+            offset = float(np.mean(record.measured - predicted)) if record.offset is None else record.offset
+            noise = math.nan if record.noise is None else record.noise
+            records.append(compare(record, predicted, noise=noise, offset=offset))
         cause = ""
         if not all(record.simulated for record in records):
             tell("looking for the parameter to blame")
@@ -43,20 +49,7 @@ def simulate(options: argparse.Namespace) -> int:
     return status or (0 if any(record.simulated for record in records) else NOTHING_FOUND)
 
 
-def _compare_record(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
-    """A record beside its simulation, which gets the record's own zero: given, or the best fit to the data."""
-    import numpy as np
-
-    from ..study import compare
-
-    motion = np.asarray(predicted)
-    offset = float(np.mean(record.measured - motion)) if record.offset is None else record.offset
-    noise = float("nan") if record.noise is None else record.noise
-    return compare(record, motion, noise=noise, offset=offset)
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `simulate`."""
     parser.set_defaults(run=simulate)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     add_numbers(parser)

@@ -15,21 +15,18 @@ from .results import NOT_WRITTEN, NOTHING_FOUND, add_out, keep_results, reserved
 if TYPE_CHECKING:
     import xarray
 
-    from ..core import Quantity
     from ..files import SweepStore
     from ..study import Record, Study
     from ..sweeps import AbstractPoints
 
-_COARSE = 9
-"""Values of the axis that are looked at first where its range has no count."""
-
-_WITHOUT = ("sample", "bands", "metrics", "derivatives", "scheduler", "resume", "explain")
-"""Options that say nothing to a border."""
-
 
 def sweep(options: argparse.Namespace) -> int:
     if options.border is not None:
-        _check_border_options(options)
+        for name in ("sample", "bands", "metrics", "derivatives", "scheduler", "resume", "explain"):
+            if getattr(options, name) not in (None, "", False):
+                raise InputError(
+                    f"option --border: found with --{name}, expected without: it is looked for by halving."
+                )
     with contextlib.nullcontext() if options.explain else reserved(options):
         return _sweep(options)
 
@@ -38,13 +35,13 @@ def _sweep(options: argparse.Namespace) -> int:
     import json
 
     from ..core import prepare_jax
-    from ..files import check_store, write_sweep
-    from ..report.text import format_numbers, format_sweep
+    from ..files import bytes_needed, check_room, check_store, write_sweep
+    from ..report.text import format_numbers, format_plan, format_sweep
 
     check_store(options.store)
     prepare_jax(dedicated=True)
 
-    from ..sweeps import driven_record, with_bands
+    from ..sweeps import POINT_FAILURES, driven_record, plan_sweep, with_bands
 
     whole = study_of(options)
     base = driven_record(whole, options.record)
@@ -61,7 +58,10 @@ def _sweep(options: argparse.Namespace) -> int:
         **_further_columns(study, base, points, options),
     }
     if options.explain:
-        return _explain(study, points, request, options.out)
+        planned = plan_sweep(study, points, **request)
+        check_room(planned.document, planned.plan, options.out)
+        say(format_plan(planned, bytes_needed(planned.document, planned.plan)), end="")
+        return 0
     data = _compute(study, points, request, options)
     if data is None:
         return NOT_WRITTEN
@@ -71,19 +71,11 @@ def _sweep(options: argparse.Namespace) -> int:
     say(format_numbers(json.loads(data.attrs["parameters"])))
     say(format_sweep(data), end="")
     status = say_where(written, f"Results are in {options.out}")
-    return status or _verdict(data)
-
-
-def _verdict(data: "xarray.Dataset") -> int:
-    """The exit status; says so where no point has a value."""
-    from ..sweeps import POINT_FAILURES
-
-    if bool(data.speed.notnull().any()):
-        return 0
+    if status or bool(data.speed.notnull().any()):
+        return status
     codes = data.failure.values.ravel().tolist()
     often = POINT_FAILURES[max(set(codes), key=codes.count)]
-    told = f"none of the {len(codes)} points has a value; of most the failure is: {often}"
-    note(f"error: {told}")
+    note(f"error: none of the {len(codes)} points has a value; of most the failure is: {often}")
     return NOTHING_FOUND
 
 
@@ -126,8 +118,15 @@ def _axis_texts(base: "Record", options: argparse.Namespace) -> dict[str, str]:
     """The axes that the options ask for, by path, as they were written."""
     from ..sweeps import sweepable_choices
 
-    given = [(f"drive.{name}", getattr(options, name)) for name in ("voltage", "frequency")]
-    texts = dict([*((path, text) for path, text in given if text is not None), *map(_axis, options.vary)])
+    given = {f"drive.{name}": getattr(options, name) for name in ("voltage", "frequency")}
+    texts = {path: text for path, text in given.items() if text is not None}
+    for axis in options.vary:
+        path, equals, values = axis.partition("=")
+        if not equals:
+            raise InputError(
+                f'option --vary: found "{axis}", expected a path and a range such as "drive.fall_time=0 ms:2 ms:20".'
+            )
+        texts[path.strip()] = values
     if options.both_directions:
         if "drive.direction" not in sweepable_choices(base):
             raise InputError(
@@ -188,18 +187,18 @@ def _about_the_estimate(
     here = study.for_record(base)
     legal, values = sweepable(here, base), here.values()
     if kept:
-        (names, told), errors = read_draws(options.estimate, options.bands), options.bands
+        (names, known), errors = read_draws(options.estimate, options.bands), options.bands
     else:
-        names, told, errors = read_covariance(options.estimate)
+        names, known, errors = read_covariance(options.estimate)
     # Of the parameters that hold in the record; the others have no part in a sweep.
     in_force = {path: name for path, name in paths_in(study.parameters, base.conditions).items() if path in legal}
     told_otherwise = {*points.paths, *(f"drive.{field}" for field in base.overrides)}
     varied = [path for path, name in in_force.items() if name in names and path not in told_otherwise]
     rows = [names.index(in_force[path]) for path in varied]
     if kept:
-        return Crossed(points, GivenDraws(varied, told[:, rows], options.draws)), errors
+        return Crossed(points, GivenDraws(varied, known[:, rows], options.draws)), errors
     means, positive = np.array([values[n] for n in varied]), np.array([legal[n].positive for n in varied])
-    about = CovarianceDraws(varied, means, told[np.ix_(rows, rows)], positive, options.draws, options.seed)
+    about = CovarianceDraws(varied, means, known[np.ix_(rows, rows)], positive, options.draws, options.seed)
     return Crossed(points, about if options.bands == "draws" else SigmaPoints(about)), errors
 
 
@@ -207,35 +206,13 @@ def _store(options: argparse.Namespace) -> "SweepStore | None":
     """Where the points are kept while they are computed; nowhere where Zarr is not installed."""
     from ..files import SWEEP_STORE, SweepStore, check_zarr
 
-    place = options.out / SWEEP_STORE
     try:
         check_zarr()
     except InputError:
         if options.resume:
             raise
         return None
-    return SweepStore(place, options.resume, options.overwrite)
-
-
-def _explain(study: "Study", points: "AbstractPoints", request: dict[str, Any], folder: Path) -> int:
-    """Print how many points and how much room the sweep would take."""
-    from ..files import bytes_needed, check_room
-    from ..report.text import format_plan
-    from ..sweeps import plan_sweep
-
-    planned = plan_sweep(study, points, **request)
-    check_room(planned.document, planned.plan, folder)
-    say(format_plan(planned, bytes_needed(planned.document, planned.plan)), end="")
-    return 0
-
-
-def _axis(text: str) -> tuple[str, str]:
-    path, equals, values = text.partition("=")
-    if not equals:
-        raise InputError(
-            f'option --vary: found "{text}", expected a path and a range such as "drive.fall_time=0 ms:2 ms:20".'
-        )
-    return path.strip(), values
+    return SweepStore(options.out / SWEEP_STORE, options.resume, options.overwrite)
 
 
 def _sweep_border(study: "Study", base: "Record", texts: Mapping[str, str], options: argparse.Namespace) -> int:
@@ -249,7 +226,13 @@ def _sweep_border(study: "Study", base: "Record", texts: Mapping[str, str], opti
     metric, level = _named_number("--border-at", options.border_at, "efficiency=0.01")
     if metric not in METRICS:
         raise InputError(f'option --border-at: found the unknown metric "{metric}"; {nearest(metric, METRICS)}')
-    ends, coarse = _border_range(path, texts, legal)
+    if path not in texts:
+        raise InputError(f'option --border: found no range for "{path}", expected one such as --vary "{path}=FROM:TO".')
+    low, _, high_and_count = texts[path].partition(":")
+    high, colon, count = high_and_count.partition(":")
+    where = f'sweep: path "{path}": "{texts[path]}" as FROM:TO or FROM:TO:COUNT: COUNT'
+    coarse = read_whole(count.strip(), where, 2) if colon else 9
+    ends = read_range(path, f"{low}:{high}" if high else low, legal)
     over = {other: read_axis(other, text, legal, words) for other, text in texts.items() if other != path}
     near = read_number(tolerance, unit_of(path, legal), "option --border", above=0.0)
     passed = read_number(level, METRICS[metric].unit.replace("1", ""), "option --border-at")
@@ -273,26 +256,6 @@ def _sweep_border(study: "Study", base: "Record", texts: Mapping[str, str], opti
     return say_where(written, f"Results are in {options.out}")
 
 
-def _check_border_options(options: argparse.Namespace) -> None:
-    """**Raises** `InputError` for options that do not go with --border."""
-    for name in _WITHOUT:
-        if getattr(options, name) not in (None, "", False):
-            raise InputError(f"option --border: found with --{name}, expected without: it is looked for by halving.")
-
-
-def _border_range(
-    path: str, texts: Mapping[str, str], legal: "Mapping[str, Quantity]"
-) -> tuple[tuple[float, float], int]:
-    """The ends [SI] of the range of `path`, and how many values of it are looked at first."""
-    if path not in texts:
-        raise InputError(f'option --border: found no range for "{path}", expected one such as --vary "{path}=FROM:TO".')
-    low, _, high_and_count = texts[path].partition(":")
-    high, colon, count = high_and_count.partition(":")
-    where = f'sweep: path "{path}": "{texts[path]}" as FROM:TO or FROM:TO:COUNT: COUNT'
-    number = read_whole(count.strip(), where, 2) if colon else _COARSE
-    return read_range(path, f"{low}:{high}" if high else low, legal), number
-
-
 def _named_number(option: str, text: str, example: str) -> tuple[str, str]:
     name, equals, number = text.partition("=")
     if not equals or not number.strip():
@@ -301,91 +264,48 @@ def _named_number(option: str, text: str, example: str) -> tuple[str, str]:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `sweep`."""
     parser.set_defaults(run=sweep)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     add_numbers(parser)
-    parser.add_argument(
-        "--voltage", metavar="FROM:TO:COUNT", help='axis of the drive, such as 20:80:40, "20 V:80 V:40" or 20,35,80'
-    )
+    text = 'axis of the drive, such as 20:80:40, "20 V:80 V:40" or 20,35,80'
+    parser.add_argument("--voltage", metavar="FROM:TO:COUNT", help=text)
     parser.add_argument("--frequency", metavar="FROM:TO:COUNT", help="axis of the drive; 2:50:25:log for equal ratios")
-    parser.add_argument(
-        "--vary",
-        action="append",
-        default=[],
-        metavar="PATH=FROM:TO:COUNT",
-        help='any other axis, such as "drive.fall_time=0 ms:2 ms:20"; may be repeated',
-    )
-    parser.add_argument("--both-directions", action="store_true", help="forward and backward, as one more axis")
-    parser.add_argument(
-        "--sample",
-        metavar="KIND:COUNT",
-        help="sobol:COUNT or latin-hypercube:COUNT points of the ranges, written FROM:TO, in place of a grid",
-    )
-    parser.add_argument("--seed", type=SEED, default=0, help="of the sample (default 0)")
+    text = 'any other axis, such as "drive.fall_time=0 ms:2 ms:20"; may be repeated'
+    parser.add_argument("--vary", action="append", default=[], metavar="PATH=FROM:TO:COUNT", help=text)
+    parser.add_argument("--both-directions", action="store_true", help="drive forward and backward, as one more axis")
+    text = "sobol:COUNT or latin-hypercube:COUNT points of the ranges, written FROM:TO, in place of a grid"
+    parser.add_argument("--sample", metavar="KIND:COUNT", help=text)
+    parser.add_argument("--seed", type=SEED, default=0, help="seed of the sample (default 0)")
     parser.add_argument(
         "--bands",
         nargs="?",
         const="linear",
         choices=["linear", "draws", "bootstrap", "posterior"],
-        help="95 %% bands by what is known of the parameters (--estimate): to first order (default), or from draws: of "
-        "its covariance, or those of a bootstrap or a posterior that lie beside it",
+        help="95 %% bands by what --estimate says of the parameters: to first order (default), or from draws of its "
+        "covariance, or of the bootstrap or posterior that lies beside it",
     )
-    parser.add_argument("--draws", type=whole(1), default=200, help="how many a point (default 200)")
+    parser.add_argument("--draws", type=whole(1), default=200, help="draws at each point (default 200)")
     parser.add_argument("--record", metavar="NAME", help="the effector record whose drive to vary (default: the first)")
-    parser.add_argument(
-        "--cycles",
-        type=whole(1, word="steady"),
-        default=4,
-        metavar="N",
-        help='the cycle that is measured (default 4), or "steady": that after the transient',
-    )
-    _add_further(parser)
-    _add_border(parser)
-    parser.add_argument("--store", choices=["netcdf", "zarr"], default="netcdf", help="format (default netcdf)")
-    parser.add_argument(
-        "--workers", type=whole(1, MOST_WORKERS), metavar="N", help="threads on this machine (default: one a core)"
-    )
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786"
-    )
+    text = 'the cycle that is measured (default 4), or "steady": that after the transient'
+    parser.add_argument("--cycles", type=whole(1, word="steady"), default=4, metavar="N", help=text)
+    text = "further metrics, with commas between them: peak_friction, output_force, reversals, settled, grazing, "
+    text += 'multiplier; or "all" that can be had'
+    parser.add_argument("--metrics", default="", metavar="NAMES", help=text)
+    text = "derivatives of all metrics that are smooth, by parameters and quantities of the drive with commas "
+    text += "between them (default: by every parameter of the study)"
+    parser.add_argument("--derivatives", nargs="?", const="", metavar="PATHS", help=text)
+    text = 'in place of a map find by halving where the dead zone ends along an axis, such as "drive.voltage=0.2 V"; '
+    text += "its range is FROM:TO, or FROM:TO:COUNT with so many values to look at first (default 9)"
+    parser.add_argument("--border", metavar="PATH=TOLERANCE", help=text)
+    text = 'what is passed at the border (default "efficiency=0.01": the dead zone); "speed=0": the motion reverses'
+    parser.add_argument("--border-at", default="efficiency=0.01", metavar="METRIC=LEVEL", help=text)
+    text = "format of the results (default netcdf)"
+    parser.add_argument("--store", choices=["netcdf", "zarr"], default="netcdf", help=text)
+    text = "threads on this machine (default: one a core)"
+    parser.add_argument("--workers", type=whole(1, MOST_WORKERS), metavar="N", help=text)
+    text = "run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786"
+    parser.add_argument("--scheduler", metavar="ADDRESS", help=text)
     parser.add_argument("--resume", action="store_true", help="go on with a sweep of DIR that was interrupted")
-    parser.add_argument(
-        "--explain", action="store_true", help="say how many points and how much room it takes, and do nothing"
-    )
+    text = "say how many points and how much room it takes, and do nothing"
+    parser.add_argument("--explain", action="store_true", help=text)
     add_out(parser)
-
-
-def _add_further(parser: argparse.ArgumentParser) -> None:
-    """Add the options for what is found besides the metrics of every sweep."""
-    parser.add_argument(
-        "--metrics",
-        default="",
-        metavar="NAMES",
-        help="further metrics, with commas between them: peak_friction, output_force, reversals, settled, grazing, "
-        'multiplier; or "all" that can be had',
-    )
-    parser.add_argument(
-        "--derivatives",
-        nargs="?",
-        const="",
-        metavar="PATHS",
-        help="derivatives of all metrics that are smooth, by parameters and quantities of the drive with commas "
-        "between them (default: by every parameter of the study)",
-    )
-
-
-def _add_border(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the border."""
-    parser.add_argument(
-        "--border",
-        metavar="PATH=TOLERANCE",
-        help='in place of a map find by halving where the dead zone ends along an axis, such as "drive.voltage=0.2 V"; '
-        "its range is FROM:TO, or FROM:TO:COUNT with so many values to look at first (default 9)",
-    )
-    parser.add_argument(
-        "--border-at",
-        default="efficiency=0.01",
-        metavar="METRIC=LEVEL",
-        help='what is passed at the border (default "efficiency=0.01": the dead zone); "speed=0": the motion reverses',
-    )

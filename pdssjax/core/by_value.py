@@ -28,7 +28,8 @@ def same(first: object, second: object) -> bool:
     if first is second:
         return True
     if hasattr(first, "__array__") and hasattr(second, "__array__"):
-        return _same_arrays(np.asarray(first), np.asarray(second))
+        a, b = np.asarray(first), np.asarray(second)
+        return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind in "fc")
     if type(first) is not type(second):
         return False
     if dataclasses.is_dataclass(first) and not isinstance(first, type):
@@ -39,9 +40,3 @@ def same(first: object, second: object) -> bool:
     if isinstance(first, tuple | list) and isinstance(second, tuple | list):
         return len(first) == len(second) and all(map(same, first, second))
     return bool(first == second) or (first != first and second != second)
-
-
-def _same_arrays(first: np.ndarray, second: np.ndarray) -> bool:
-    if first.shape != second.shape or first.dtype != second.dtype:
-        return False
-    return np.array_equal(first, second, equal_nan=first.dtype.kind in "fc")

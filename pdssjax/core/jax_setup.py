@@ -82,11 +82,8 @@ def _squares(matrix: Float[Array, "3 3"], rows: Float[Array, "rows 3"]) -> Float
 
 def _circumstances() -> str:
     """The settings that compiled code depends on, as far as known before JAX looks for its devices."""
-    return "\n".join([jax.__version__, jaxlib_version, str(jax.config.jax_platforms), _flags(), _processor()])  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def _flags() -> str:
-    return os.environ.get("XLA_FLAGS", "")
+    platforms, flags = jax.config.jax_platforms, os.environ.get("XLA_FLAGS", "")  # pyright: ignore[reportAttributeAccessIssue]
+    return "\n".join([jax.__version__, jaxlib_version, str(platforms), flags, _processor()])
 
 
 def _processor() -> str:

@@ -65,7 +65,10 @@ def to_si(given: object, unit: str, where: str, shown: str = "") -> float:
     if isinstance(given, str):
         value = _text_to_si(given, unit, where, shown)
     elif isinstance(given, int | float) and not isinstance(given, bool):
-        value = _float(given)
+        try:
+            value = float(given)
+        except OverflowError:  # an integer beyond all floats
+            value = math.inf
     else:
         raise InputError(f"{where}: found {_shown(given)}, expected {_example(shown or unit)}.")
     if not math.isfinite(value):
@@ -163,14 +166,6 @@ def _text_to_si(given: str, unit: str, where: str, shown: str) -> float:
         return float(Decimal(number) * Decimal(repr(scale)))
     except ArithmeticError:  # an exponent that decimals do not hold
         return float(number) * scale
-
-
-def _float(given: float) -> float:
-    """A number as a float; infinite where it is an integer beyond all floats."""
-    try:
-        return float(given)
-    except OverflowError:
-        return math.inf
 
 
 def _split(given: str, where: str, expected: str) -> tuple[str, str]:

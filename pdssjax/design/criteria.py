@@ -125,9 +125,7 @@ class Discrimination(AbstractCriterion):
 
     def evidence(self, information: Float[np.ndarray, "*many draws q q"]) -> Float[np.ndarray, "*many draws"]:
         """The expected logarithm of the evidence ratio of the right law to the other, the mean of both ways."""
-        rest = information.shape[-1] - 1
-        parts = slice(0, self.own), slice(self.own, rest)
-        own, rival = (_left_by_fit(information, part) for part in parts)
+        own, rival = (_remaining_chi2(information, part) for part in (slice(0, self.own), slice(self.own, -1)))
         return 0.5 * (own + rival)
 
     @property
@@ -138,7 +136,7 @@ class Discrimination(AbstractCriterion):
         return f"{-value:.3g}"
 
 
-def _left_by_fit(information: Float[np.ndarray, "*many q q"], part: slice) -> Float[np.ndarray, "*many"]:
+def _remaining_chi2(information: Float[np.ndarray, "*many q q"], part: slice) -> Float[np.ndarray, "*many"]:
     """Half the chi-square of the difference, the last column, that a fit of the columns of a `part` leaves."""
     whole, mixed = information[..., -1, -1], information[..., part, -1]
     normal = information[..., part, part]

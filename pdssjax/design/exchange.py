@@ -10,6 +10,7 @@ While a plan is still too small to determine everything, plans are compared with
 sees has been refused before.
 """
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -62,23 +63,19 @@ def chosen(candidates: Candidates, search: Search, rounds: int = 12, starts: int
     **Arguments:** exchange begins with the greedy plan, and with plans whose first candidate is another one, in all
     with so many `starts`; it ends after so many `rounds` at the latest.
     """
-    greedy = _greedy(candidates, search, [])
     others = np.random.default_rng(0).permutation(np.flatnonzero(_affordable(candidates, search, [])))[: starts - 1]
-    plans = [greedy, *(_greedy(candidates, search, [int(first)]) for first in others)]
-    found = [_improved(candidates, search, plan, rounds) for plan in plans]
+    found = []
+    for begun in ([], *([int(first)] for first in others)):
+        plan = _greedy(candidates, search, begun)
+        least = float(search.criterion(_known(candidates, search, plan)))
+        for _ in range(rounds):
+            before = least
+            plan, least = _exchanged(candidates, search, plan, least)
+            plan, least = _exchanged_in_pairs(candidates, search, plan, least)
+            if least >= before - 1e-9 * max(1.0, abs(before)):
+                break
+        found.append((plan, least))
     return sorted(min(found, key=lambda pair: pair[1])[0])
-
-
-def _improved(candidates: Candidates, search: Search, plan: list[int], rounds: int) -> tuple[list[int], float]:
-    """The plan that exchange leads to from a `plan`, and the criterion there."""
-    least = float(search.criterion(_known(candidates, search, plan)))
-    for _ in range(rounds):
-        before = least
-        plan, least = _exchanged(candidates, search, plan, least)
-        plan, least = _exchanged_in_pairs(candidates, search, plan, least)
-        if least >= before - 1e-9 * max(1.0, abs(before)):
-            break
-    return plan, least
 
 
 def _known(candidates: Candidates, search: Search, plan: Sequence[int]) -> Float[np.ndarray, "draws q q"]:
@@ -109,8 +106,7 @@ def _best_addition(candidates: Candidates, search: Search, plan: Sequence[int]) 
 
 def _greedy(candidates: Candidates, search: Search, plan: list[int]) -> list[int]:
     """The `plan` with more candidates, which spend the budget evenly: each takes what those to come leave it."""
-    plan = list(plan)
-    records = int(search.budget[1])
+    plan, records = list(plan), int(search.budget[1])
     while len(plan) < records:
         left = search.budget - candidates.takes[plan].sum(axis=0)
         even = left / (records - len(plan))
@@ -143,19 +139,16 @@ def _exchanged_in_pairs(
     """The plan after pairs of places were given away: one to a candidate with at most three quarters of the samples,
     or to the best one, the other then to the best."""
     sizes = candidates.takes[:, 0]
-    for first in range(len(plan)):
-        for second in range(len(plan)):
-            if first == second or max(first, second) >= len(plan):
-                continue
-            others = [candidate for place, candidate in enumerate(plan) if place not in (first, second)]
-            for begun in (
-                _best_of(candidates, search, others, np.flatnonzero(sizes <= 0.75 * sizes[plan[first]])),
-                _best_addition(candidates, search, others),
-            ):
-                better = None if begun is None else _best_addition(candidates, search, [*others, begun[0]])
-                if begun is not None and better is not None and better[1] < least - 1e-12:
-                    plan, least = [*others, begun[0], better[0]], better[1]
-                    break
+    for first, second in itertools.permutations(range(len(plan)), 2):
+        others = [candidate for place, candidate in enumerate(plan) if place not in (first, second)]
+        for begun in (
+            _best_of(candidates, search, others, np.flatnonzero(sizes <= 0.75 * sizes[plan[first]])),
+            _best_addition(candidates, search, others),
+        ):
+            better = None if begun is None else _best_addition(candidates, search, [*others, begun[0]])
+            if begun is not None and better is not None and better[1] < least - 1e-12:
+                plan, least = [*others, begun[0], better[0]], better[1]
+                break
     return plan, least
 
 

@@ -31,9 +31,6 @@ _USUAL = {"platform": ("step", "sawtooth")}
 _LEVELS = 4
 """Voltages and frequencies that are tried of a range."""
 
-_A_PERIOD = 40
-"""Points of the dense grid in a period of the platform's ringing."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
@@ -208,7 +205,7 @@ class Experiment:
 
     def grid(self, ringing: float | None, finest: float, duration: float) -> Grid:
         """Dense time grid of the experiment; `ringing` is the platform's angular frequency [rad/s], if it has one."""
-        spacing = finest if ringing is None else min(finest, 2.0 * math.pi / ringing / _A_PERIOD)
+        spacing = finest if ringing is None else min(finest, 2.0 * math.pi / ringing / 40)
         return graded_grid(self.period, self.corners(), spacing, duration)
 
 
@@ -250,8 +247,8 @@ def completed_limits(study: Study, limits: Limits, misfit: Mapping[str, float]) 
     noise = dict(limits.noise) | {k: _noise(k, records, where) * misfit.get(k, 1.0) for k in {*kinds} - {*limits.noise}}
     found = {
         "kinds": kinds,
-        "voltage": limits.voltage or _span(peaks, "voltage", where),
-        "frequency": limits.frequency or (_span(rates, "frequency", where) if rates else (1.0, 1.0)),
+        "voltage": limits.voltage or tuple(_from_records(peaks, end, "voltage", where) for end in (min, max)),
+        "frequency": limits.frequency or ((min(rates), max(rates)) if rates else (1.0, 1.0)),
         "interval": limits.interval or _from_records(steps, min, "interval", where),
         "duration": limits.duration or _from_records(lasting, max, "duration", where),
         "noise": noise,
@@ -270,10 +267,6 @@ def _from_records(numbers: list[float], choose: Callable[[list[float]], float], 
     if not numbers:
         raise InputError(f'{where}: the key "{key}" is missing, and no record of the study tells it.')
     return float(choose(numbers))
-
-
-def _span(numbers: list[float], key: str, where: str) -> tuple[float, float]:
-    return _from_records(numbers, min, key, where), _from_records(numbers, max, key, where)
 
 
 def _noise(kind: str, records: Sequence[Record], where: str) -> float:
@@ -322,7 +315,8 @@ def _check(study: Study, limits: CompleteLimits, where: str) -> None:
 
 def possible_experiments(study: Study, limits: CompleteLimits) -> list[Experiment]:
     """All experiments that the `limits` allow, on a few levels of what is continuous."""
-    voltages, frequencies = _levels(*limits.voltage), _levels(*limits.frequency)
+    levels = lambda low, high: [low] if low == high else np.geomspace(low, high, _LEVELS).tolist()
+    voltages, frequencies = levels(*limits.voltage), levels(*limits.frequency)
     rigs = [tuple(zip(limits.rig, numbers, strict=True)) for numbers in itertools.product(*limits.rig.values())]
     found = []
     for kind in limits.kinds:
@@ -344,11 +338,6 @@ def waveforms_of(kind: str, study: Study, limits: Limits) -> tuple[str, ...]:
     return tuple(
         dict.fromkeys([*(name for name in own if name in _plannable_waveforms()), *_USUAL.get(kind, ("sawtooth",))])
     )
-
-
-def _levels(low: float, high: float) -> list[float]:
-    """A few levels of a range, in equal ratios."""
-    return [low] if low == high else [float(level) for level in np.geomspace(low, high, _LEVELS)]
 
 
 def _drives(

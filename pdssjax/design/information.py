@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import InputError
+from ..metrics import NoiseInTime
 
 NULL_EIGENVALUE = 1e-11
 """Eigenvalue of the scaled information below which a direction is not determined: an error of 3e5 times the least."""
@@ -53,13 +54,10 @@ class Noise(NamedTuple):
     def covariance_product(
         self, columns: Float[np.ndarray, "n q"], times: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, "n q"]:
-        """The covariance of the noise at `times` [s] times the `columns`, by two recursions."""
-        correlation = self.correlations(times)[:, None]
-        before, after = columns.copy(), columns.copy()
-        for i in range(1, times.size):
-            before[i] += correlation[i - 1] * before[i - 1]
-            after[-i - 1] += correlation[-i] * after[-i]
-        return self.deviation**2 * (before + after - columns)
+        """The covariance of the noise at `times` [s], which ascend, times the `columns`."""
+        slow = 1.0 if self.correlation_time else 0.0
+        noise = NoiseInTime(self.deviation**2, slow, self.correlation_time or 1.0)
+        return noise.covariance_product(columns, times)
 
 
 def whitened(
@@ -132,7 +130,7 @@ def unseen_combinations(information: Float[np.ndarray, "q q"], paths: Sequence[s
     diagonal = np.diag(information)
     largest = float(np.max(diagonal, initial=0.0))
     informed = diagonal > NULL_EIGENVALUE * NULL_EIGENVALUE * largest
-    found = [Unseen({path: 1.0}) for path, is_informed in zip(paths, informed, strict=True) if not is_informed]
+    found = [Unseen({paths[int(i)]: 1.0}) for i in np.flatnonzero(~informed)]
     kept = np.flatnonzero(informed)
     if not kept.size:
         return found
@@ -141,8 +139,7 @@ def unseen_combinations(information: Float[np.ndarray, "q q"], paths: Sequence[s
     for vector in vectors.T[values <= NULL_EIGENVALUE * values[-1]]:
         direction = vector / scale
         direction = direction / direction[np.argmax(np.abs(direction))]
-        names = [path for path, is_informed in zip(paths, informed, strict=True) if is_informed]
-        parts = {path: float(e) for path, e in zip(names, direction, strict=True) if abs(e) >= TAKES_PART}
+        parts = {paths[int(i)]: float(e) for i, e in zip(kept, direction, strict=True) if abs(e) >= TAKES_PART}
         found.append(Unseen(dict(sorted(parts.items(), key=lambda part: -abs(part[1])))))
     return found
 

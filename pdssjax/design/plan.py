@@ -117,6 +117,25 @@ class PlannedRecord:
         columns[measurement.quantity] = (f"{measurement.quantity}_{measurement.display.unit}", "")
         return dataclasses.replace(made, columns=columns)
 
+    def document(self) -> Document:
+        """The record as plain data, in SI."""
+        experiment, schedule = self.experiment, self.schedule
+        return {
+            "name": self.name,
+            "measures": experiment.kind,
+            "waveform": experiment.group[1] or None,
+            "drive": experiment.shape | experiment.words,
+            "motion": None
+            if experiment.motion is None
+            else dict(zip(("amplitude", "frequency"), experiment.motion, strict=True)),
+            "rig": dict(experiment.rig),
+            "noise": self.noise.deviation,
+            "correlation_time": self.noise.correlation_time,
+            "samples": schedule.count,
+            "windows": [window._asdict() for window in schedule.list_windows(experiment.period)],
+            "contributes": self.contributes,
+        }
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plan:
@@ -200,7 +219,7 @@ class Plan:
             "in_words": self.criterion.in_words(self.value),
             "budget": {key: getattr(self.budget, key) for key in ("samples", "records", "seconds", "cost")},
             "samples": self.samples,
-            "records": [self._record_document(planned) for planned in self.records],
+            "records": [planned.document() for planned in self.records],
             "standard_errors": {
                 path: {
                     "value": self.knowledge.values[path],
@@ -218,22 +237,4 @@ class Plan:
             "candidates": self.candidates,
             "draws": self.draws,
             "seconds": self.seconds,
-        }
-
-    def _record_document(self, planned: PlannedRecord) -> Document:
-        experiment, schedule = planned.experiment, planned.schedule
-        return {
-            "name": planned.name,
-            "measures": experiment.kind,
-            "waveform": experiment.group[1] or None,
-            "drive": experiment.shape | experiment.words,
-            "motion": None
-            if experiment.motion is None
-            else dict(zip(("amplitude", "frequency"), experiment.motion, strict=True)),
-            "rig": dict(experiment.rig),
-            "noise": planned.noise.deviation,
-            "correlation_time": planned.noise.correlation_time,
-            "samples": schedule.count,
-            "windows": [window._asdict() for window in schedule.list_windows(experiment.period)],
-            "contributes": planned.contributes,
         }

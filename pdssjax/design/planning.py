@@ -7,6 +7,7 @@ own samples, nothing interpolated.
 """
 
 import dataclasses
+import functools
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -26,8 +27,7 @@ from .information import check_seen, inverse_of, least_squares_errors, unseen_co
 from .plan import Errors, Knowledge, Plan, PlannedRecord, knowledge_of, prior_information
 from .refinement import Pair, Refinement, refined
 from .sampling import Schedule, contact_schedules, possible_schedules
-from .sensitivities import Simulation
-from .survey import Point, Survey
+from .survey import Point, Simulation, Survey
 
 DRAWS = 4
 """Sets of parameters over which a plan is judged, unless asked otherwise."""
@@ -107,28 +107,8 @@ def design_experiment(
     aim = _checked_aim(study, aim or (Aim("parameter", known.open) if known.open else Aim()))
     limits = completed_limits(study, limits or Limits(), known.misfit)
     _check_budget(study, budget, limits)
-    request = _Request(study, known, aim, limits, budget, count_known, draws, seed, refine, report)
-    return dataclasses.replace(_planned(request), seconds=time.perf_counter() - begun)
-
-
-class _Request(NamedTuple):
-    """The arguments of `design_experiment`, complete and checked."""
-
-    study: Study
-    knowledge: Knowledge
-    aim: Aim
-    limits: CompleteLimits
-    budget: Resources
-    count_known: bool
-    draws: int
-    seed: int
-    refine: bool
-    report: Callable[[str], None]
-
-    @property
-    def where(self) -> str:
-        """Beginning of messages."""
-        return f"{self.study.path or self.study.title}: design"
+    planning = _Planning(study, known, aim, limits, budget, count_known, draws, seed, report)
+    return dataclasses.replace(planning.plan(refine), seconds=time.perf_counter() - begun)
 
 
 def _with_numbers(study: Study, known: Knowledge) -> tuple[Study, Knowledge]:
@@ -174,241 +154,270 @@ def _check_budget(study: Study, budget: Resources, limits: CompleteLimits) -> No
         raise InputError(f"{where}: found {budget.seconds:g} s and a cost of {budget.cost:g}, which pay no record.")
 
 
-def _planned(request: _Request) -> Plan:
-    experiments = possible_experiments(request.study, request.limits)
-    if not experiments:
-        raise InputError(f"{request.where}: found no experiment within the limits, expected wider ones.")
-    walk = [_walk(request)] if request.aim.speed_at is not None else []
-    survey = Survey(request.study, request.aim.rival, request.limits, [*experiments, *walk])
-    points = _points(request, survey)
-    survey.simulate(experiments, {0: points[0]}, _counted(request.report, "simulating and differentiating"))
-    usable = [e for e in experiments if survey.is_simulated(e) and _in_range(survey, e, points[0])]
-    if not usable:
-        raise InputError(f"{request.where}: found no experiment that can be simulated, expected numbers that work.")
-    request.report("computing what each sampling tells")
-    pairs = [(e, s) for e in usable for s in _schedules(request, e)]
-    takes = np.array([_takes(request, *pair) for pair in pairs])
-    pairs = [pair for pair, take in zip(pairs, takes, strict=True) if np.all(take <= request.budget.amounts)]
-    if not pairs:
-        raise InputError(f"{request.where}: found no record that the budget pays, expected more of it.")
-    prior = _prior(request, survey)
-    first = _candidates(request, survey, pairs, [0])
-    notes = _check_determined(request, survey, prior + first.information.sum(axis=0)[0])
-    if skipped := len(experiments) - len(usable):
-        notes.append(
-            f"{skipped} experiments were left out: they could not be simulated, or exceed the range of the sensor."
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Planning:
+    """The arguments of `design_experiment`, complete and checked, and what follows from them."""
+
+    study: Study
+    knowledge: Knowledge
+    aim: Aim
+    limits: CompleteLimits
+    budget: Resources
+    count_known: bool
+    draws: int
+    seed: int
+    report: Callable[[str], None]
+
+    def plan(self, refine: bool) -> Plan:
+        """The best records found."""
+        if not self.experiments:
+            raise InputError(f"{self.where}: found no experiment within the limits, expected wider ones.")
+        survey, points = self.survey, self.points
+        self._simulate(self.experiments, points[:1], "simulating and differentiating")
+        usable = [e for e in self.experiments if survey.is_simulated(e) and self._in_range(e)]
+        if not usable:
+            raise InputError(f"{self.where}: found no experiment that can be simulated, expected numbers that work.")
+        self.report("computing what each sampling tells")
+        pairs = [(e, s) for e in usable for s in self._schedules(e)]
+        pairs = [pair for pair in pairs if np.all(self.takes(*pair) <= self.budget.amounts)]
+        if not pairs:
+            raise InputError(f"{self.where}: found no record that the budget pays, expected more of it.")
+        prior = self._prior()
+        first = self._candidates(pairs, [0])
+        notes = self._undetermined(prior + first.information.sum(axis=0)[0])
+        if skipped := len(self.experiments) - len(usable):
+            notes.append(
+                f"{skipped} experiments were left out: they could not be simulated, or exceed the range of the sensor."
+            )
+        self.report(f"choosing among {len(pairs)} records")
+        search = Search(self._criterion(points[:1]), prior[None], self.budget.amounts)
+        kept = [pairs[i] for i in promising(first, search, KEPT)]
+        self._simulate(list(dict.fromkeys(e for e, _ in kept)), points, "simulating under other parameters")
+        self.report(f"choosing among {len(kept)} records under {len(points)} sets of parameters")
+        everywhere = np.repeat(prior[None], len(points), axis=0)
+        search = Search(self._criterion(points), everywhere, self.budget.amounts)
+        plan = [kept[i] for i in chosen(self._candidates(kept, range(len(points))), search)]
+        if refine:
+            plan = refined(Refinement(survey, search, points, self.takes, self.report), plan)
+        self.report("computing what the plan promises")
+        return self._finished(search, plan, len(pairs), notes)
+
+    @property
+    def where(self) -> str:
+        """The beginning of messages."""
+        return f"{self.study.path or self.study.title}: design"
+
+    @functools.cached_property
+    def experiments(self) -> list[Experiment]:
+        """All experiments within the limits."""
+        return possible_experiments(self.study, self.limits)
+
+    @functools.cached_property
+    def walk(self) -> Experiment | None:
+        """The effector under the sawtooth whose speed is to be predicted; None where no speed is."""
+        if self.aim.speed_at is None:
+            return None
+        drives = [r.drive for r in self.study.records if r.drive is not None and r.drive.flanks() is not None]
+        drive = (drives or [Sawtooth()])[0].with_peak_voltage()
+        voltage, frequency = self.aim.speed_at
+        return Experiment("effector", drive.with_numbers({"voltage": voltage, "frequency": frequency}), None, ())
+
+    @functools.cached_property
+    def survey(self) -> Survey:
+        """Predictions and derivatives of these experiments and of the walk."""
+        walk = [] if self.walk is None else [self.walk]
+        return Survey(self.study, self.aim.rival, self.limits, [*self.experiments, *walk])
+
+    @functools.cached_property
+    def points(self) -> list[Point]:
+        """The parameters at which plans are judged: those known, then draws of what is not known of them."""
+        transform = self.survey.own.problem.residual.transform
+        centre = transform.encode(self.knowledge.values)
+        rival = None
+        if self.survey.rival is not None and self.aim.rival is not None:
+            rival = self.survey.rival.problem.residual.transform.encode(self.aim.rival.values())
+        spread = self._spread()
+        if self.draws == 1 or not spread.any():
+            return [Point(centre, rival)]
+        cube = sobol_points(max(2, self.draws), centre.size, self.seed)[: self.draws - 1]
+        deviations = ndtri(np.clip(cube, 0.02, 0.98)) @ spread.T
+        drawn = np.clip(centre + deviations, transform.low, transform.high)
+        return [Point(centre, rival), *(Point(row, rival) for row in drawn)]
+
+    def _spread(self) -> Float[np.ndarray, "p p"]:
+        """A root of the covariance of what is not known, on the fit's scale.
+
+        It is that of the estimate, or of independent errors: those measured apart, or a third of the ranges that the
+        study gives.  Nothing scatters by more than `_WIDEST`.
+        """
+        paths = self.survey.own.paths
+        transform = transform_of(self.study.parameters, self.knowledge.values)
+        information = prior_information(self.study, self.knowledge, paths)
+        if self.knowledge.names:
+            values, vectors = np.linalg.eigh(information)
+            size = np.minimum(1.0 / np.sqrt(np.maximum(values, 1e-300)), _WIDEST)
+            return vectors * np.where(values > 0.0, size, 0.0)
+        sizes = np.zeros(len(paths))
+        for i, path in enumerate(paths):
+            parameter = self.study.parameters[path]
+            if information[i, i] > 0.0:
+                sizes[i] = information[i, i] ** -0.5
+            elif parameter.low is not None and parameter.high is not None:
+                sizes[i] = (transform.high[i] - transform.low[i]) / 6.0
+        return np.diag(np.minimum(sizes, _WIDEST))
+
+    def _simulate(self, experiments: Sequence[Experiment], points: Sequence[Point], what: str) -> None:
+        progress = lambda done, count: self.report(f"{what}: {done} of {count}")
+        self.survey.simulate(experiments, dict(enumerate(points)), progress)
+
+    def _in_range(self, experiment: Experiment) -> bool:
+        """Whether the sensor can see all of an experiment's motion; of a walk, of the cycles that are simulated."""
+        most = self.limits.range.get(experiment.kind)
+        return most is None or self.survey.extent(experiment, self.points[0]) <= most
+
+    def _schedules(self, experiment: Experiment) -> list[Schedule]:
+        limits, most = self.limits, self.budget.samples
+        share = most / self.budget.records
+        if experiment.motion is not None:
+            assert experiment.period is not None
+            return contact_schedules(experiment.period, share, most, limits.interval, limits.duration)
+        starts = experiment.corners()[:3]
+        return possible_schedules(experiment.period, starts, share, most, limits.interval, limits.duration)
+
+    def takes(self, experiment: Experiment, schedule: Schedule) -> Float[np.ndarray, "4"]:
+        """Amounts that a record takes of the budget: samples, records, seconds and cost."""
+        seconds = max(float(schedule.times(experiment.period)[-1]), 0.0)
+        cost = self.limits.record_cost + self.limits.second_cost * seconds
+        return np.array([schedule.count, 1.0, seconds, cost])
+
+    def _candidates(self, pairs: Sequence[Pair], numbers: Sequence[int]) -> Candidates:
+        information = np.array([self.survey.information(*pair, numbers) for pair in pairs])
+        return Candidates(information, np.array([self.takes(*pair) for pair in pairs]))
+
+    def _prior(self) -> Float[np.ndarray, "q q"]:
+        """The information known before, of the study and of its rival."""
+        survey, rival = self.survey, self.aim.rival
+        out = np.zeros((survey.size, survey.size))
+        if self.count_known:
+            own = len(survey.own.paths)
+            out[:own, :own] = prior_information(self.study, self.knowledge, survey.own.paths)
+            if survey.rival is not None and rival is not None:
+                known, others = self.aim.rival_knowledge or Knowledge(dict(rival.values())), survey.rival.paths
+                here = slice(own, own + len(others))
+                out[here, here] = prior_information(rival, known, others)
+        return out
+
+    def _criterion(self, points: Sequence[Point]) -> AbstractCriterion:
+        aim, paths = self.aim, self.survey.own.paths
+        if aim.criterion == "d":
+            return Determinant()
+        if aim.criterion == "a":
+            return Trace()
+        if aim.criterion == "discrimination":
+            return Discrimination(len(paths))
+        if aim.criterion == "parameter":
+            rows = np.array([np.eye(len(paths))[paths.index(path)] for path in aim.parameters])
+            return Combinations(np.repeat(rows[None], len(points), axis=0), ", ".join(aim.parameters))
+        assert aim.speed_at is not None and self.walk is not None
+        speed, period = f"speed at {aim.speed_at[0]:g} V and {aim.speed_at[1]:g} Hz", 1.0 / aim.speed_at[1]
+        times = np.array([(_CYCLES - 1) * period, _CYCLES * period])
+        responses = self.survey.own.responses([Simulation(self.walk, times, point.free) for point in points])
+        steps = [float(np.diff(response.predicted)[0]) for response in responses]
+        if not all(np.isfinite(step) and step != 0.0 for step in steps):
+            raise InputError(f"{self.where}: found no {speed}.")
+        rows = [np.diff(response.jacobian, axis=0) / step for response, step in zip(responses, steps, strict=True)]
+        return Prediction(np.array(rows), f"the {speed}")
+
+    def _undetermined(self, whole: Float[np.ndarray, "q q"]) -> list[str]:
+        """Notes on what all candidates and all that is known leave undetermined; **raises** where the aim needs it."""
+        paths = self.survey.own.paths
+        unseen = unseen_combinations(whole[: len(paths), : len(paths)], paths)
+        if self.aim.criterion == "discrimination":
+            return []
+        every, needed = self.aim.criterion in ("d", "a"), set(self.aim.parameters)
+        check_seen([u for u in unseen if every or needed & set(u.exponents)], self.where)
+        return [f"No experiment within the limits changes with {combination.words}." for combination in unseen]
+
+    def _finished(self, search: Search, plan: Sequence[Pair], candidates: int, notes: list[str]) -> Plan:
+        """The plan with what it promises, at its own samples."""
+        survey, paths = self.survey, self.survey.own.paths
+        plan = sorted(plan, key=lambda pair: self.limits.kinds.index(pair[0].kind))
+        plan = [(experiment.rounded(), schedule.rounded()) for experiment, schedule in plan]
+        information = survey.exact_information(plan, self.points)
+        together = information.sum(axis=0)
+        value, own = float(search.criterion(search.prior + together)), len(paths)
+        prior, mine = search.prior[0][:own, :own], together[0][:own, :own]
+        if alone := unseen_combinations(mine, paths):
+            named = "; ".join(combination.words for combination in alone)
+            notes = [
+                *notes,
+                f"The records of the plan alone do not tell {named}: fit them together with what is known.",
+            ]
+        records = tuple(
+            PlannedRecord(
+                f"{number} {experiment.name}",
+                experiment,
+                schedule,
+                survey.noise(experiment.kind),
+                _contribution(search, together, information[number - 1], value),
+            )
+            for number, (experiment, schedule) in enumerate(plan, start=1)
         )
-    search = Search(_criterion(request, survey, points[:1], walk), prior[None], request.budget.amounts)
-    request.report(f"choosing among {len(pairs)} records")
-    kept = [pairs[i] for i in promising(first, search, KEPT)]
-    some = list(dict.fromkeys(experiment for experiment, _ in kept))
-    survey.simulate(some, dict(enumerate(points)), _counted(request.report, "simulating under other parameters"))
-    search = Search(
-        _criterion(request, survey, points, walk), np.repeat(prior[None], len(points), axis=0), request.budget.amounts
-    )
-    request.report(f"choosing among {len(kept)} records under {len(points)} sets of parameters")
-    candidates = _candidates(request, survey, kept, list(range(len(points))))
-    plan = [kept[i] for i in chosen(candidates, search)]
-    if request.refine:
-        plan = refined(Refinement(survey, search, points, lambda *pair: _takes(request, *pair), request.report), plan)
-    request.report("computing what the plan promises")
-    return _finished(request, survey, search, points, plan, len(pairs), notes)
-
-
-def _counted(report: Callable[[str], None], what: str) -> Callable[[int, int], None]:
-    """Progress of a count as lines of text."""
-    return lambda done, count: report(f"{what}: {done} of {count}")
-
-
-def _in_range(survey: Survey, experiment: Experiment, point: Point) -> bool:
-    """Whether the sensor can see all of an experiment's motion; of a walk, of the cycles that are simulated."""
-    most = survey.limits.range.get(experiment.kind)
-    return most is None or survey.extent(experiment, point) <= most
-
-
-def _schedules(request: _Request, experiment: Experiment) -> list[Schedule]:
-    limits, budget = request.limits, request.budget
-    share = budget.samples / budget.records
-    if experiment.motion is not None:
-        assert experiment.period is not None
-        return contact_schedules(experiment.period, share, budget.samples, limits.interval, limits.duration)
-    corners = experiment.corners()
-    return possible_schedules(experiment.period, corners[:3], share, budget.samples, limits.interval, limits.duration)
-
-
-def _takes(request: _Request, experiment: Experiment, schedule: Schedule) -> Float[np.ndarray, "4"]:
-    """Amounts that a record takes of the budget: samples, records, seconds and cost."""
-    seconds = max(float(schedule.times(experiment.period)[-1]), 0.0)
-    cost = request.limits.record_cost + request.limits.second_cost * seconds
-    return np.array([schedule.count, 1.0, seconds, cost])
-
-
-def _candidates(request: _Request, survey: Survey, pairs: Sequence[Pair], numbers: list[int]) -> Candidates:
-    information = np.array([survey.information(*pair, numbers) for pair in pairs])
-    return Candidates(information, np.array([_takes(request, *pair) for pair in pairs]))
-
-
-def _points(request: _Request, survey: Survey) -> list[Point]:
-    """The parameters at which plans are judged: those known, then draws of what is not known of them."""
-    transform = survey.own.problem.residual.transform
-    centre = transform.encode(request.knowledge.values)
-    rival = None
-    if survey.rival is not None and request.aim.rival is not None:
-        rival = survey.rival.problem.residual.transform.encode(request.aim.rival.values())
-    spread = _spread(request, survey.own.paths)
-    if request.draws == 1 or not spread.any():
-        return [Point(centre, rival)]
-    cube = sobol_points(max(2, request.draws), centre.size, request.seed)[: request.draws - 1]
-    deviations = ndtri(np.clip(cube, 0.02, 0.98)) @ spread.T
-    drawn = np.clip(centre + deviations, transform.low, transform.high)
-    return [Point(centre, rival), *(Point(row, rival) for row in drawn)]
-
-
-def _spread(request: _Request, paths: Sequence[str]) -> Float[np.ndarray, "p p"]:
-    """A root of the covariance of what is not known, on the fit's scale.
-
-    It is that of the estimate, or of independent errors: those measured apart, or a third of the ranges that the study
-    gives.  Nothing scatters by more than `_WIDEST`.
-    """
-    study, known = request.study, request.knowledge
-    transform = transform_of(study.parameters, known.values)
-    information = prior_information(study, known, tuple(paths))
-    if known.names:
-        values, vectors = np.linalg.eigh(information)
-        size = np.minimum(1.0 / np.sqrt(np.maximum(values, 1e-300)), _WIDEST)
-        return vectors * np.where(values > 0.0, size, 0.0)
-    sizes = np.zeros(len(paths))
-    for i, path in enumerate(paths):
-        parameter = study.parameters[path]
-        if information[i, i] > 0.0:
-            sizes[i] = information[i, i] ** -0.5
-        elif parameter.low is not None and parameter.high is not None:
-            sizes[i] = (transform.high[i] - transform.low[i]) / 6.0
-    return np.diag(np.minimum(sizes, _WIDEST))
-
-
-def _prior(request: _Request, survey: Survey) -> Float[np.ndarray, "q q"]:
-    """The information known before, of the study and of its rival."""
-    out = np.zeros((survey.size, survey.size))
-    if request.count_known:
-        own = len(survey.own.paths)
-        out[:own, :own] = prior_information(request.study, request.knowledge, survey.own.paths)
-        if survey.rival is not None and request.aim.rival is not None:
-            rival = request.aim.rival_knowledge or Knowledge(dict(request.aim.rival.values()))
-            paths = survey.rival.paths
-            out[own : own + len(paths), own : own + len(paths)] = prior_information(request.aim.rival, rival, paths)
-    return out
-
-
-def _criterion(request: _Request, survey: Survey, points: Sequence[Point], walk: list[Experiment]) -> AbstractCriterion:
-    aim, paths = request.aim, survey.own.paths
-    if aim.criterion == "d":
-        return Determinant()
-    if aim.criterion == "a":
-        return Trace()
-    if aim.criterion == "discrimination":
-        return Discrimination(len(paths))
-    if aim.criterion == "parameter":
-        rows = np.array([np.eye(len(paths))[paths.index(path)] for path in aim.parameters])
-        named = ", ".join(aim.parameters)
-        return Combinations(np.repeat(rows[None], len(points), axis=0), named)
-    assert aim.speed_at is not None
-    period = 1.0 / aim.speed_at[1]
-    times = np.array([(_CYCLES - 1) * period, _CYCLES * period])
-    responses = survey.own.responses([Simulation(walk[0], times, point.free) for point in points])
-    steps = [float(np.diff(response.predicted)[0]) for response in responses]
-    if not all(np.isfinite(step) and step != 0.0 for step in steps):
-        raise InputError(f"{request.where}: found no speed at {aim.speed_at[0]:g} V and {aim.speed_at[1]:g} Hz.")
-    rows = [np.diff(response.jacobian, axis=0) / step for response, step in zip(responses, steps, strict=True)]
-    return Prediction(np.array(rows), f"the speed at {aim.speed_at[0]:g} V and {aim.speed_at[1]:g} Hz")
-
-
-def _walk(request: _Request) -> Experiment:
-    """The effector under the sawtooth whose speed is to be predicted."""
-    assert request.aim.speed_at is not None
-    voltage, frequency = request.aim.speed_at
-    drives = [r.drive for r in request.study.records if r.drive is not None and r.drive.flanks() is not None]
-    if not drives:
-        drives = [Sawtooth()]
-    drive = drives[0].with_peak_voltage().with_numbers({"voltage": voltage, "frequency": frequency})
-    return Experiment("effector", drive, None, ())
-
-
-def _check_determined(request: _Request, survey: Survey, whole: Float[np.ndarray, "q q"]) -> list[str]:
-    """Notes on what all candidates and all that is known leave undetermined; **raises** where the aim needs it."""
-    paths = survey.own.paths
-    own = whole[: len(paths), : len(paths)]
-    unseen = unseen_combinations(own, paths)
-    if not unseen or request.aim.criterion == "discrimination":
-        return []
-    if request.aim.criterion in ("d", "a"):
-        check_seen(unseen, request.where)
-    needed = set(request.aim.parameters)
-    check_seen([u for u in unseen if needed & set(u.exponents)], request.where)
-    return [f"No experiment within the limits changes with {combination.words}." for combination in unseen]
-
-
-def _finished(
-    request: _Request,
-    survey: Survey,
-    search: Search,
-    points: Sequence[Point],
-    plan: Sequence[Pair],
-    candidates: int,
-    notes: list[str],
-) -> Plan:
-    """The plan with what it promises, at its own samples."""
-    plan = sorted(plan, key=lambda pair: request.limits.kinds.index(pair[0].kind))
-    plan = [(experiment.rounded(), schedule.rounded()) for experiment, schedule in plan]
-    information = survey.exact_information(plan, points)
-    together = information.sum(axis=0)
-    value = float(search.criterion(search.prior + together))
-    own = len(survey.own.paths)
-    prior, mine = search.prior[0][:own, :own], together[0][:own, :own]
-    study, paths = request.study, survey.own.paths
-    alone = unseen_combinations(mine, paths)
-    if alone:
-        named = "; ".join(combination.words for combination in alone)
-        notes = [*notes, f"The records of the plan alone do not tell {named}: fit them together with what is known."]
-    records = tuple(
-        PlannedRecord(
-            f"{number} {experiment.name}",
-            experiment,
-            schedule,
-            survey.noise(experiment.kind),
-            _contribution(search, together, information[number - 1], value),
+        known_before = not isinstance(search.criterion, Discrimination) and np.all(
+            np.einsum("kii->ki", search.prior) > 0
         )
-        for number, (experiment, schedule) in enumerate(plan, start=1)
-    )
-    errors = lambda matrix: _errors(request, paths, matrix)
-    after, by_itself = errors(prior + mine), errors(mine)
-    identified = _errors_of_identify(request, survey, points[0], plan, [np.zeros_like(prior), prior])
-    return Plan(
-        study=study,
-        knowledge=request.knowledge,
-        criterion=search.criterion,
-        limits=request.limits,
-        budget=request.budget,
-        records=records,
-        before=errors(prior),
-        alone=by_itself,
-        after=after,
-        alone_identify=identified[0] or by_itself,
-        after_identify=identified[1] or after,
-        value=value,
-        value_before=_value_before(search),
-        notes=tuple(notes),
-        candidates=candidates,
-        draws=len(points),
-        seconds=0.0,
-        rival="" if request.aim.rival is None else str(request.aim.rival.models.chosen["friction"]),
-    )
+        after, by_itself = self._errors(prior + mine), self._errors(mine)
+        identified = self._errors_of_identify(plan, [np.zeros_like(prior), prior])
+        return Plan(
+            study=self.study,
+            knowledge=self.knowledge,
+            criterion=search.criterion,
+            limits=self.limits,
+            budget=self.budget,
+            records=records,
+            before=self._errors(prior),
+            alone=by_itself,
+            after=after,
+            alone_identify=identified[0] or by_itself,
+            after_identify=identified[1] or after,
+            value=value,
+            value_before=float(search.criterion(search.prior)) if known_before else float("nan"),
+            notes=tuple(notes),
+            candidates=candidates,
+            draws=len(self.points),
+            seconds=0.0,
+            rival="" if self.aim.rival is None else str(self.aim.rival.models.chosen["friction"]),
+        )
 
+    def _errors(self, information: Float[np.ndarray, "p p"]) -> Errors:
+        """Standard errors [SI]; NaN of parameters that take part in a combination without information."""
+        paths = self.survey.own.paths
+        lost = {path for combination in unseen_combinations(information, paths) for path in combination.exponents}
+        kept = [i for i, path in enumerate(paths) if path not in lost]
+        found = self._in_si([paths[i] for i in kept], np.diag(inverse_of(information[np.ix_(kept, kept)])))
+        return dict.fromkeys(paths, float("nan")) | found
 
-def _value_before(search: Search) -> float:
-    if isinstance(search.criterion, Discrimination) or not np.all(np.einsum("kii->ki", search.prior) > 0):
-        return float("nan")
-    return float(search.criterion(search.prior))
+    def _in_si(self, paths: Sequence[str], variances: Float[np.ndarray, " p"]) -> Errors:
+        transform = transform_of(self.study.parameters, self.knowledge.values)
+        slopes = transform.slope(transform.encode(self.knowledge.values))
+        slope = dict(zip(transform.paths, slopes, strict=True))
+        return {p: float(slope[p] * np.sqrt(max(v, 0.0))) for p, v in zip(paths, variances, strict=True)}
+
+    def _errors_of_identify(
+        self, plan: Sequence[Pair], priors: Sequence[Float[np.ndarray, "p p"]]
+    ) -> list[Errors | None]:
+        """Standard errors [SI] of ordinary least squares with each of the `priors`.
+
+        None where the noise is white, which makes them those of the plan, or where not all parameters are determined.
+        """
+        survey, paths = self.survey, self.survey.own.paths
+        if not any(survey.noise(experiment.kind).correlation_time for experiment, _ in plan):
+            return [None for _ in priors]
+        exact = survey.exact_columns(plan, self.points[:1])
+        records = [(columns[:, : len(paths)], times, survey.noise(e.kind)) for e, times, columns in exact]
+        information = sum(columns.T @ (columns - columns.mean(axis=0)) for columns, _, _ in records)
+        errors = lambda prior: self._in_si(paths, np.diag(least_squares_errors(records, prior)))
+        return [None if unseen_combinations(prior + information, paths) else errors(prior) for prior in priors]
 
 
 def _contribution(
@@ -424,41 +433,3 @@ def _contribution(
     if any(unseen_combinations(each, [""] * each.shape[0]) for each in without):
         return float("inf")
     return float(np.exp(search.criterion(without) - value))
-
-
-def _errors(request: _Request, paths: Sequence[str], information: Float[np.ndarray, "p p"]) -> Errors:
-    """Standard errors [SI]; NaN of parameters that take part in a combination without information."""
-    lost = {path for combination in unseen_combinations(information, paths) for path in combination.exponents}
-    kept = [i for i, path in enumerate(paths) if path not in lost]
-    out = dict.fromkeys(paths, float("nan"))
-    if kept:
-        covariance = inverse_of(information[np.ix_(kept, kept)])
-        return out | _in_si(request, [paths[i] for i in kept], np.diag(covariance))
-    return out
-
-
-def _in_si(request: _Request, paths: Sequence[str], variances: Float[np.ndarray, " p"]) -> Errors:
-    transform = transform_of(request.study.parameters, request.knowledge.values)
-    slopes = transform.slope(transform.encode(request.knowledge.values))
-    slope = dict(zip(transform.paths, slopes, strict=True))
-    return {p: float(slope[p] * np.sqrt(max(v, 0.0))) for p, v in zip(paths, variances, strict=True)}
-
-
-def _errors_of_identify(
-    request: _Request,
-    survey: Survey,
-    point: Point,
-    plan: Sequence[Pair],
-    priors: Sequence[Float[np.ndarray, "p p"]],
-) -> list[Errors | None]:
-    """Standard errors [SI] of ordinary least squares with each of the `priors`.
-
-    None where the noise is white, which makes them those of the plan, or where not all parameters are determined.
-    """
-    if not any(survey.noise(experiment.kind).correlation_time for experiment, _ in plan):
-        return [None for _ in priors]
-    paths = survey.own.paths
-    records = [(c[:, : len(paths)], t, survey.noise(e.kind)) for e, t, c in survey.exact_columns(plan, [point])]
-    information = sum(columns.T @ (columns - columns.mean(axis=0)) for columns, _, _ in records)
-    errors = lambda prior: _in_si(request, paths, np.diag(least_squares_errors(records, prior)))
-    return [None if unseen_combinations(prior + information, paths) else errors(prior) for prior in priors]

@@ -110,7 +110,7 @@ def _with_blocks_moved(data: Refinement, plan: list[Pair]) -> list[Pair]:
         while improved:
             improved = False
             for giver, taker in itertools.permutations(range(len(plan)), 2):
-                trial = _moved(plan, giver, taker, part)
+                trial = _move_block(plan, giver, taker, part)
                 if trial is None or not all(data.fits(trial[i], trial[:i] + trial[i + 1 :]) for i in (giver, taker)):
                     continue
                 new = list(known)
@@ -121,7 +121,7 @@ def _with_blocks_moved(data: Refinement, plan: list[Pair]) -> list[Pair]:
     return plan
 
 
-def _moved(plan: list[Pair], giver: int, taker: int, part: int) -> list[Pair] | None:
+def _move_block(plan: list[Pair], giver: int, taker: int, part: int) -> list[Pair] | None:
     """The plan with one `part` of the giver's samples taken by another record; None where that cannot be."""
     (experiment, schedule), (other, receiving) = plan[giver], plan[taker]
     block = max(1, schedule.samples // part)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core import check_kind
 from ..inference import identify
-from ..study import Estimate, Recording, Study, make_recordings
+from ..study import Estimate, Recording, make_recordings
 from .information import Noise
 from .plan import Errors, Plan
 
@@ -58,14 +58,19 @@ def rehearse(plan: Plan, seed: int = 0, progress: Callable[[str], None] | None =
     planned = [each.record(rig) for each in plan.records]
     study = dataclasses.replace(rig, records=(*so_far, *planned))
     report("making the records on the virtual rig")
-    made = [_coloured(plan, recording, seed) for recording in make_recordings(study, seed)]
-    measured = dataclasses.replace(_without_starts(study), records=tuple(recording.record for recording in made))
+    made = [_with_coloured_noise(plan, recording, seed) for recording in make_recordings(study, seed)]
+    # What is free, but for what was measured apart, starts nowhere.
+    parameters = {
+        path: p if not p.free or p.standard_error is not None else dataclasses.replace(p, start=None)
+        for path, p in study.parameters.items()
+    }
+    measured = dataclasses.replace(study, parameters=parameters, records=tuple(each.record for each in made))
     estimate = identify(measured, progress=report)
     promised = plan.after_identify if counts_on_records and so_far else plan.alone_identify
     return Rehearsal(tuple(made), estimate, promised)
 
 
-def _coloured(plan: Plan, recording: Recording, seed: int) -> Recording:
+def _with_coloured_noise(plan: Plan, recording: Recording, seed: int) -> Recording:
     """The recording with the coloured noise that the plan counts with, where that is coloured."""
     record = recording.record
     correlation_time = plan.limits.correlation_time.get(record.measures, 0.0)
@@ -75,12 +80,3 @@ def _coloured(plan: Plan, recording: Recording, seed: int) -> Recording:
     noise = Noise(record.noise, correlation_time).drawn(record.time, random)
     record = dataclasses.replace(record, measured=recording.true + recording.offset + noise)
     return dataclasses.replace(recording, record=record)
-
-
-def _without_starts(study: Study) -> Study:
-    """The study whose free parameters, but for those measured apart, start nowhere."""
-    parameters = {
-        path: p if not p.free or p.standard_error is not None else dataclasses.replace(p, start=None)
-        for path, p in study.parameters.items()
-    }
-    return dataclasses.replace(study, parameters=parameters)

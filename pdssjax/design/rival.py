@@ -24,10 +24,10 @@ def with_law(study: Study, law: str) -> Study:
 
     **Raises:** `InputError` where there is no such law, it is the study's own, or the study cannot be posed under it.
     """
-    return _posed(study, law).study
+    return _candidate_with(study, law).study
 
 
-def _posed(study: Study, law: str) -> Candidate:
+def _candidate_with(study: Study, law: str) -> Candidate:
     known = members("friction")
     if law not in known:
         raise InputError(f'against: found "{law}"; {nearest(law, known)}')
@@ -56,14 +56,14 @@ def fitted_rival(
 
     **Raises:** `InputError` for an unknown law, and where it cannot be simulated.
     """
-    rival = _posed(study, law)
+    rival = _candidate_with(study, law)
     if knowledge is None:
         values = {path: p.number for path, p in study.parameters.items() if p.free and p.number is not None}
     else:
         values = (knowledge_of(knowledge) if isinstance(knowledge, Estimate) else knowledge).values
     records = [record for record in study.records if record.role == "fit" and np.any(record.measured)]
     if not records:
-        records = _made(study.with_values(values) if values else study, limits or Limits())
+        records = _simulated_records(study.with_values(values) if values else study, limits or Limits())
     estimate = identify(
         dataclasses.replace(starting_near(rival, values), records=tuple(records)),
         effort=effort_of("quick")._replace(compares=False),
@@ -75,22 +75,19 @@ def fitted_rival(
     return rival.study.with_starts({path: found.values[path] for path in rival.free}), found
 
 
-def _made(study: Study, limits: Limits) -> list[Record]:
+def _simulated_records(study: Study, limits: Limits) -> list[Record]:
     """A few records of the study's own law, with noise and zeros."""
     complete = completed_limits(study, limits, {})
+    # The first and the last of each kind, waveform and direction: least and greatest voltage and frequency.
+    groups: dict[object, list[Experiment]] = {}
+    for experiment in possible_experiments(study, complete):
+        groups.setdefault((experiment.group, experiment.words.get("direction"), experiment.rig), []).append(experiment)
+    few = [e for group in groups.values() for e in dict.fromkeys([group[0], group[-1]])]
     records = []
-    for number, experiment in enumerate(_few(possible_experiments(study, complete))):
+    for number, experiment in enumerate(few):
         end = complete.duration if experiment.period is None else min(_CYCLES * experiment.period, complete.duration)
         times = np.arange(1, _SAMPLES + 1) * max(complete.interval, end / _SAMPLES)
         noise = complete.noise[experiment.kind]
         records.append(experiment.record(study, f"{number} {experiment.name}", times, noise))
     recordings = make_recordings(dataclasses.replace(study, records=tuple(records)))
     return [recording.record for recording in recordings]
-
-
-def _few(experiments: list[Experiment]) -> list[Experiment]:
-    """The first and the last of each kind, waveform and direction: least and greatest voltage and frequency."""
-    groups: dict[object, list[Experiment]] = {}
-    for experiment in experiments:
-        groups.setdefault((experiment.group, experiment.words.get("direction"), experiment.rig), []).append(experiment)
-    return [e for group in groups.values() for e in dict.fromkeys([group[0], group[-1]])]

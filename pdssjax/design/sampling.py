@@ -233,10 +233,9 @@ def improved_schedule(
     """
     best, least = schedule, score(schedule)
     for _ in range(rounds):
-        trials = [
-            (score(other), place, other) for place, other in enumerate(neighbours(best, finest)) if allowed(other)
-        ]
-        if not trials or min(trials)[0] >= least - 1e-7:
+        trials = [(score(other), other) for other in neighbours(best, finest) if allowed(other)]
+        lowest, other = min(trials, key=lambda trial: trial[0], default=(least, best))
+        if lowest >= least - 1e-7:
             break
-        least, _, best = min(trials)
+        least, best = lowest, other
     return best, least

@@ -134,12 +134,9 @@ def drawn_samples(record: Record) -> Int[np.ndarray, " drawn"]:
     size = record.time.size
     if size <= DRAWN:
         return np.arange(size)
-    edges = np.linspace(0, size, DRAWN // 2 + 1).astype(int)
-    extremes = [0, size - 1]
-    for begin, end in itertools.pairwise(edges.tolist()):
-        part = record.measured[begin:end]
-        extremes += [begin + part.argmin(), begin + part.argmax()]
-    return np.unique(extremes)
+    parts = np.array_split(np.arange(size), DRAWN // 2)
+    extremes = [(part[record.measured[part].argmin()], part[record.measured[part].argmax()]) for part in parts]
+    return np.unique([0, size - 1, *itertools.chain(*extremes)])
 
 
 Tree = TypeVar("Tree")
@@ -150,9 +147,6 @@ ACCURACY = 1e-11
 
 _FEWEST = 512
 """Smallest capacity for integration steps."""
-
-_SPARE = 1.5
-"""Ratio of the capacity to the steps that the first run took."""
 
 _MOST_SEGMENTS = 1 << 18
 """Most segments of a drive within a record; with a fifth as many the first drawing took 46 s on two busy cores."""
@@ -230,10 +224,8 @@ class LiveRecord:
 
     def _full_accuracy(self, record: Record) -> Accuracy:
         """Accuracy with capacity for all steps that a record may take."""
-        segments = self._segments(record)
-        return with_room(
-            Accuracy(ACCURACY, ACCURACY), self.setup, self.models, _power_of_two(segments), float(record.time[-1])
-        )
+        segments, end = _power_of_two(self._segments(record)), float(record.time[-1])
+        return with_room(Accuracy(ACCURACY, ACCURACY), self.setup, self.models, segments, end)
 
     def _run_of(self, record: Record, values: Values) -> tuple[Run, dict[str, Float[np.ndarray, ""]]]:
         """The run of the record, and the numbers of the parameters that hold in it."""
@@ -250,7 +242,7 @@ class LiveRecord:
         most = self._full_accuracy(record)
         steps = 0 if self._closed else int(steps_taken(self.setup, self.models, run, numbers, most))
         known = max((room.steps for room in self._rooms), default=0)
-        room = _Room(min(most.max_steps, _power_of_two(max(_FEWEST, known + 1, _SPARE * steps))), segments)
+        room = _Room(min(most.max_steps, _power_of_two(max(_FEWEST, known + 1, 1.5 * steps))), segments)
         self._rooms = sorted({*self._rooms, room})
         return room
 

@@ -210,13 +210,11 @@ def settings_of(study: Study) -> Settings:
 
 def changed_drives(study: Study, settings: Settings) -> dict[str, dict[str, float]]:
     """The numbers [SI] of drives that differ from the study's, by the record's name."""
-    found = {}
+    changed = {}
     for record in study.records:
-        before, now = drive_numbers(record), settings.drives[record.name]
-        other = {path: number for path, number in now.items() if number != before[path]}
-        if other:
-            found[record.name] = other
-    return found
+        before = drive_numbers(record)
+        changed[record.name] = {p: n for p, n in settings.drives[record.name].items() if n != before[p]}
+    return {name: numbers for name, numbers in changed.items() if numbers}
 
 
 def study_at(study: Study, settings: Settings) -> Study:
@@ -227,9 +225,16 @@ def study_at(study: Study, settings: Settings) -> Study:
         else p.with_start(settings.values[path])
         for path, p in study.parameters.items()
     }
-    changed = changed_drives(study, settings)
-    records = tuple(_with_drive_numbers(study, record, changed.get(record.name, {})) for record in study.records)
-    return dataclasses.replace(study, parameters=parameters, records=records)
+    changed, records = changed_drives(study, settings), []
+    for record in study.records:
+        if record.drive is not None and record.name in changed:
+            fields = {path.removeprefix("drive."): number for path, number in changed[record.name].items()}
+            # They override the study's, but for words, which no study lists.
+            overrides = record.overrides | (set(fields) - set(choices(type(inner_drive(record.drive)))))
+            drive = record.drive.with_numbers(fields)
+            record = dataclasses.replace(record, drive=drive, overrides=overrides)
+        records.append(record)
+    return dataclasses.replace(study, parameters=parameters, records=tuple(records))
 
 
 def to_be_fitted(study: Study, settings: Settings) -> Study:
@@ -237,12 +242,3 @@ def to_be_fitted(study: Study, settings: Settings) -> Study:
     there = study_at(study, settings)
     apart = {path: p for path, p in study.parameters.items() if p.measured_apart}
     return dataclasses.replace(there, parameters=there.parameters | apart)
-
-
-def _with_drive_numbers(study: Study, record: Record, numbers: Mapping[str, float]) -> Record:
-    """`record` with other numbers of its drive, which override the study's."""
-    if record.drive is None or not numbers:
-        return record
-    fields = {path.removeprefix("drive."): number for path, number in numbers.items()}
-    overrides = record.overrides | (set(fields) - set(choices(type(inner_drive(record.drive)))))
-    return dataclasses.replace(record, drive=record.drive.with_numbers(fields), overrides=overrides)

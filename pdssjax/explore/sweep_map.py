@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core import InputError, display_unit, with_micro_sign
-from ..study import Record, Study
+from ..study import Study
 from ..sweeps import Grid, driven_record, sweep
 from .background_job import Report
 from .live_record import LiveRecord
@@ -55,51 +55,37 @@ class SweepMap(NamedTuple):
 
     def slice_of(self, shown: Sequence[str], point: int) -> Bool[np.ndarray, " points"]:
         """Which points differ from `point` along the axes `shown` alone."""
-        others = [axis.values for path, axis in self.axes.items() if path not in shown]
         same = np.ones(next(iter(self.axes.values())).values.size, bool)
-        for values in others:
-            same &= values == values[point]
+        for path, axis in self.axes.items():
+            same &= (path in shown) | (axis.values == axis.values[point])
         return same
 
 
 def sweep_map(data: "xarray.Dataset") -> SweepMap:
     """The map of a dataset made by `pdssjax.sweep`; bands are left out."""
-    metrics = [name for name, found in data.data_vars.items() if name != "failure" and "long_name" in found.attrs]
-    metrics = [name for name in metrics if not str(name).endswith(("_sd", "_low", "_high", "_straight"))]
-    shape = data[metrics[0]].dims
-    axes = {}
-    for name, coordinate in data.coords.items():
-        path = str(coordinate.attrs.get("long_name", name))
-        if "units" not in coordinate.attrs or not set(coordinate.dims) <= set(shape):
-            continue
-        spread = coordinate.broadcast_like(data[metrics[0]]).transpose(*shape).values.ravel()
-        if np.unique(spread).size > 1 or len(data.coords) == 1:
-            axes[path] = _axis(path, str(coordinate.attrs["units"]), spread)
-    shared = {path: float(entry["value"]) for path, entry in json.loads(data.attrs["parameters"]).items()}
-    drive = {str(key): float(value) for key, value in data.attrs.items() if str(key).startswith("drive.")}
-    alone = _alone(data, axes)
-    found = {str(name): _metric(data[name]) for name in metrics}
-    return SweepMap(axes, found, shared | drive | alone, str(data.attrs["record"]))
-
-
-def _alone(data: "xarray.Dataset", axes: dict[str, MapAxis]) -> dict[str, float]:
-    """Numbers [SI] of the coordinates that are the same at every point."""
+    names = [name for name, found in data.data_vars.items() if name != "failure" and "long_name" in found.attrs]
+    names = [str(name) for name in names if not str(name).endswith(("_sd", "_low", "_high", "_straight"))]
+    first = data[names[0]]
     known = {str(c.attrs.get("long_name", name)): c for name, c in data.coords.items() if "units" in c.attrs}
-    return {path: float(c.values.ravel()[0]) for path, c in known.items() if path not in axes}
-
-
-def _axis(path: str, unit: str, values: Float[np.ndarray, " points"]) -> MapAxis:
-    shown, scale = display_unit("" if unit == "1" else unit)
-    return MapAxis(path, with_micro_sign(shown), scale, values.astype(float))
-
-
-def _metric(values: "xarray.DataArray") -> tuple[str, Float[np.ndarray, " points"]]:
-    unit, scale = display_unit(str(values.attrs.get("units", "1")))
-    if values.name == "efficiency":
-        unit, scale = "%", 100.0
-    says = str(values.attrs["long_name"]).replace(" (3.1)", "")
-    label = says if unit in ("", "1") else f"{says} ({with_micro_sign(unit)})"
-    return label, scale * values.values.ravel().astype(float)
+    axes = {}
+    for path, coordinate in known.items():
+        if set(coordinate.dims) <= set(first.dims):
+            spread = coordinate.broadcast_like(first).transpose(*first.dims).values.ravel()
+            if np.unique(spread).size > 1 or len(data.coords) == 1:
+                unit = str(coordinate.attrs["units"])
+                shown, scale = display_unit("" if unit == "1" else unit)
+                axes[path] = MapAxis(path, with_micro_sign(shown), scale, spread.astype(float))
+    metrics = {}
+    for name in names:
+        unit, scale = ("%", 100.0) if name == "efficiency" else display_unit(str(data[name].attrs.get("units", "1")))
+        says = str(data[name].attrs["long_name"]).replace(" (3.1)", "")
+        label = says if unit in ("", "1") else f"{says} ({with_micro_sign(unit)})"
+        metrics[name] = label, scale * data[name].values.ravel().astype(float)
+    held = {path: float(entry["value"]) for path, entry in json.loads(data.attrs["parameters"]).items()}
+    held |= {str(key): float(value) for key, value in data.attrs.items() if str(key).startswith("drive.")}
+    # A coordinate that is the same at every point is no axis.
+    held |= {path: float(c.values.ravel()[0]) for path, c in known.items() if path not in axes}
+    return SweepMap(axes, metrics, held, str(data.attrs["record"]))
 
 
 class Tiles(NamedTuple):
@@ -184,31 +170,25 @@ class PointSimulation:
 
         **Raises:** `InputError` where parameters are left without a number.
         """
-        record, values = self._at(numbers)
-        instants = np.linspace(0.0, float(record.time[-1]), _INSTANTS)
-        self._live = self._live or LiveRecord(self.study, record, values)
-        found = self._live.run(record, values, instants)
-        inside = found.inside
-        platform = np.asarray(inside.platform)
-        effector = platform - np.asarray(inside.relative)
-        return PointMotion(instants, np.asarray(inside.voltage), platform, effector, found.message)
-
-    def _at(self, numbers: Mapping[str, float]) -> tuple[Record, dict[str, float]]:
         assert self.record.drive is not None
         named = {field.name for field in dataclasses.fields(inner_drive(self.record.drive))}
         fields = {path.removeprefix("drive."): n for path, n in numbers.items() if path.startswith("drive.")}
         drive = self.record.drive.with_numbers({field: n for field, n in fields.items() if field in named})
         frequency = drive.cycle_frequency()
         assert frequency is not None
-        time = np.linspace(0.0, CYCLES / float(frequency), 2)
-        legal = self.study.legal()
+        end = CYCLES / float(frequency)
+        record = dataclasses.replace(self.record, drive=drive, time=np.linspace(0.0, end, 2), measured=np.zeros(2))
         # What the drive has is no parameter of the study here.
+        legal = self.study.legal()
         values = {path: n for path, n in numbers.items() if path in legal and not path.startswith("drive.")}
-        study = dataclasses.replace(
-            self.study, parameters={p: q for p, q in self.study.parameters.items() if not p.startswith("drive.")}
-        )
-        whole = study.values(values) | values
-        return dataclasses.replace(self.record, drive=drive, time=time, measured=np.zeros(2)), whole
+        parameters = {p: q for p, q in self.study.parameters.items() if not p.startswith("drive.")}
+        values = dataclasses.replace(self.study, parameters=parameters).values(values) | values
+        instants = np.linspace(0.0, end, _INSTANTS)
+        self._live = self._live or LiveRecord(self.study, record, values)
+        found = self._live.run(record, values, instants)
+        inside, platform = found.inside, np.asarray(found.inside.platform)
+        effector = platform - np.asarray(inside.relative)
+        return PointMotion(instants, np.asarray(inside.voltage), platform, effector, found.message)
 
 
 def small_map(study: Study, settings: Settings, report: Report, chosen: str) -> "xarray.Dataset":
@@ -220,7 +200,10 @@ def small_map(study: Study, settings: Settings, report: Report, chosen: str) -> 
     voltage and frequency.
     """
     here = study_at(study, settings)
-    record = _record_to_sweep(here, chosen)
+    try:
+        record = driven_record(here, chosen)
+    except InputError:
+        record = driven_record(here, None)
     assert record.drive is not None
     numbers = record.drive.numbers()
     if not {"voltage", "frequency"} <= set(numbers):
@@ -239,10 +222,3 @@ def small_map(study: Study, settings: Settings, report: Report, chosen: str) -> 
         record=record.name,
         progress=lambda done, points: report(f"sweeping: {done} of {points} points"),
     )
-
-
-def _record_to_sweep(study: Study, chosen: str) -> Record:
-    try:
-        return driven_record(study, chosen)
-    except InputError:
-        return driven_record(study, None)

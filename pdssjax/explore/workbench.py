@@ -1,6 +1,5 @@
 """What all pages of one `pdssjax explore` share: the study, its numbers, its live records, estimate and sweep."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -33,17 +32,12 @@ def fit_from_here(study: Study, settings: Settings, report: Report) -> FitResult
     """
     try:
         estimate = identify(to_be_fitted(study, settings), progress=report)
-    except FitInterrupted as interrupt:
-        return FitResult(interrupt.estimate, _cancelled(interrupt.estimate))
-    except KeyboardInterrupt:
-        return FitResult(None, _cancelled(None))
+    except KeyboardInterrupt as interrupt:
+        estimate = interrupt.estimate if isinstance(interrupt, FitInterrupted) else None
+        if estimate is None:
+            return FitResult(None, "The fit was cancelled before it had found anything.")
+        return FitResult(estimate, "The fit was cancelled; the sliders show the best point so far, not an optimum.")
     return FitResult(estimate, f"The fit {estimate.verdict} in {estimate.seconds:.3g} s: {estimate.message}.")
-
-
-def _cancelled(estimate: Estimate | None) -> str:
-    if estimate is None:
-        return "The fit was cancelled before it had found anything."
-    return "The fit was cancelled; the sliders show the best point so far, not an optimum."
 
 
 @dataclass
@@ -89,20 +83,15 @@ class Workbench:
         **Raises:** `InputError` as `files.save_study` does.
         """
         assert self.study.path is not None
-        drives = {
-            name: _fields(self.record(name), numbers) for name, numbers in changed_drives(self.study, settings).items()
-        }
+        drives = {}
+        for name, numbers in changed_drives(self.study, settings).items():
+            drive = self.record(name).drive
+            assert drive is not None
+            words = {
+                f"drive.{field}": {number: word for word, number in known.items()}
+                for field, known in choices(type(inner_drive(drive))).items()
+            }
+            drives[name] = {
+                path.removeprefix("drive."): words.get(path, {}).get(number, number) for path, number in numbers.items()
+            }
         return save_study(self.study.path, target, settings.values, drives, overwrite)
-
-
-def _fields(record: Record, numbers: Mapping[str, float]) -> dict[str, float | str]:
-    """The numbers of a drive by field, with words in place of the numbers that stand for them."""
-    assert record.drive is not None
-    words = choices(type(inner_drive(record.drive)))
-    found: dict[str, float | str] = {}
-    for path, number in numbers.items():
-        name = path.removeprefix("drive.")
-        found[name] = (
-            next((word for word, n in words[name].items() if n == number), number) if name in words else number
-        )
-    return found

@@ -1,6 +1,7 @@
 """The only room that touches the disk: reads studies, records and estimates, writes results.
 
-Imports `report` and the rooms below it.
+What is at fault in a user's file or option is raised as `InputError`, which names the place.  Imports `report` and the
+rooms below it.
 """
 
 from typing import TYPE_CHECKING

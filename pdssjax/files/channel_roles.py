@@ -31,21 +31,6 @@ _NAMES = {
 _SYMBOLS = {"time": ("t",), "voltage": ("u",), "displacement": ("x",), "velocity": ("xdot", "xd"), "force": ("f",)}
 """Names as they stand in equations, which arrays of MATLAB often have."""
 
-_NORMAL = ("normal", "load", "last", "fn", "fz")
-"""How names begin of forces across the contact, which are not those of friction."""
-
-_TRIGGERS = ("trig", "sync", "ttl")
-"""Parts of the names of trigger channels, which are neither a drive nor a motion."""
-
-_OF_SENSORS = ("V", "A")
-"""Units of the amplifiers of sensors."""
-
-_OTHERS = {"N": "force", "m/s^2": "acceleration"}
-"""Units that a study reads, but that are not guessed."""
-
-_MOST = 4_000_000
-"""Samples of a file that are looked at."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Hints:
@@ -79,10 +64,7 @@ class Roles:
 
 
 def roles_of(file: Path, hints: Hints) -> Roles:
-    """Which channels of `file` are what.
-
-    **Raises:** `InputError` if that is not clear, with the option that tells it, or if the file is at fault.
-    """
+    """Which channels of `file` are what."""
     reader = open_file(file, hints.decimal)
     channels = reader.channels()
     search = _RoleSearch(file, reader, channels, hints)
@@ -107,47 +89,42 @@ def roles_of(file: Path, hints: Hints) -> Roles:
         search.check_units()
     except InputError as fault:
         faults.append(str(fault))
-    if faults:
-        said = [faults[0], *(fault.removeprefix(f"{file}: ") for fault in faults[1:])]
-        taken = ", ".join(
-            f'{c.number} ("{c.name}") for the {q}' for q, c in search.chosen.items() if q not in hints.columns
-        )
-        said += [f"took channel {taken}"] * bool(taken)
-        raise InputError("; ".join(fault.removesuffix(".") for fault in said) + ".")
-    return search.found()
+    if not faults:
+        return search.found()
+    guessed = {quantity: c for quantity, c in search.chosen.items() if quantity not in hints.columns}
+    if guessed:
+        faults.append("took channel " + ", ".join(f'{c.number} ("{c.name}") for the {q}' for q, c in guessed.items()))
+    raise InputError(f"{file}: " + "; ".join(f.removeprefix(f"{file}: ").removesuffix(".") for f in faults) + ".")
 
 
 def friction_roles(file: Path, hints: Hints) -> Roles | None:
     """Which channels of `file` are what, if it is of a contact alone: a force, a motion, and times where it has some.
 
     None where it has no force, or shows a voltage that drives a piezo.
-
-    **Raises:** `InputError` as `roles_of` does.
     """
     reader = open_file(file, hints.decimal)
-    channels = [c for c in reader.channels() if not c.name.lower().startswith(_NORMAL)]
+    # A force across the contact is none of friction.
+    normal = ("normal", "load", "last", "fn", "fz")
+    channels = [c for c in reader.channels() if not c.name.lower().startswith(normal)]
     has = lambda quantity: quantity in hints.columns or any(c.measures(SI[quantity]) for c in channels)
-    pulls = has("force") or any(not c.unit and _called(c, "force") for c in channels)
+    is_named = lambda quantity: any(not c.unit and _called(c, quantity) for c in channels)
     driven = hints.columns.get("voltage", "none") != "none" or any(c.measures("V") for c in channels)
-    if not pulls or (driven and "force" not in hints.columns):
+    if not (has("force") or is_named("force")) or (driven and "force" not in hints.columns):
         return None
     search = _RoleSearch(file, reader, channels, hints)
-    timed = not search.is_clocked() and (has("time") or any(not c.unit and _called(c, "time") for c in channels))
-    motion = search.motion() if has("displacement") or has("velocity") else search.named_motion()
-    for quantity in [*(["time"] * timed), "force", motion]:
-        search.choose(quantity, search.increases if quantity == "time" else search.may_move)
+    if not search.is_clocked() and (has("time") or is_named("time")):
+        search.choose("time", search.increases)
+    search.choose("force", search.may_move)
+    if has("displacement") or has("velocity"):
+        motion = search.motion()
+    else:
+        called = lambda quantity: any(_called(channel, quantity) for channel in channels)
+        motion = "velocity" if called("velocity") and not called("displacement") else "displacement"
+    search.choose(motion, search.may_move)
     search.check_units()
     # A study names the motion of a contact before the force.
     search.chosen["force"] = search.chosen.pop("force")
     return search.found(needs_clock=False)
-
-
-def name_for_study(channel: Channel, channels: Sequence[Channel]) -> str | int:
-    """The name of a channel where it has one of its own, else its number."""
-    for name in (channel.name, channel.written):
-        if name and name != str(channel.number) and [c for c in channels if name in (c.name, c.written)] == [channel]:
-            return name
-    return channel.number
 
 
 def _called(channel: Channel, quantity: str) -> bool:
@@ -156,15 +133,15 @@ def _called(channel: Channel, quantity: str) -> bool:
     return name.startswith(_NAMES[quantity]) or name in _SYMBOLS[quantity]
 
 
-def _triggers(channel: Channel) -> bool:
-    return any(word in channel.name.lower() for word in _TRIGGERS)
+def _is_trigger(channel: Channel) -> bool:
+    return any(word in channel.name.lower() for word in ("trig", "sync", "ttl"))
 
 
 def _example_of_scale(quantity: str, channel: Channel) -> str:
-    """The option that makes a `quantity` of a channel's numbers; "" where no instrument shows it in such a unit."""
+    """The option that makes a `quantity` of a sensor's volts or amperes; "" for other quantities and units."""
     usual = {"displacement": "um", "velocity": "mm/s", "force": "N"}.get(quantity)
-    is_sensor = usual is not None and any(channel.measures(unit) for unit in _OF_SENSORS)
-    return f'--scale "{quantity}=0.5 {usual}/{channel.unit}"' if is_sensor else ""
+    is_sensor = channel.measures("V") or channel.measures("A")
+    return f'--scale "{quantity}=0.5 {usual}/{channel.unit}"' if usual and is_sensor else ""
 
 
 @dataclasses.dataclass
@@ -182,41 +159,39 @@ class _RoleSearch:
 
     def found(self, needs_clock: bool = True) -> Roles:
         """The roles of the channels that were chosen."""
-        columns = {quantity: name_for_study(channel, self.channels) for quantity, channel in self.chosen.items()}
+        columns = {quantity: self._name(channel) for quantity, channel in self.chosen.items()}
         given = self.hints
         layout = Layout(columns, SI, given.units, given.scales, given.interval, 0.0, given.decimal, needs_clock)
         return Roles(self.file, self.chosen, frozenset(self.guessed), layout)
+
+    def _name(self, channel: Channel) -> str | int:
+        """The name of a channel where it has one of its own, else its number."""
+        for name in (channel.name, channel.written):
+            alike = [other for other in self.channels if name in (other.name, other.written)]
+            if name and name != str(channel.number) and alike == [channel]:
+                return name
+        return channel.number
 
     def is_clocked(self) -> bool:
         """Whether the file, or an option, tells the times without a channel of them."""
         return self.hints.interval is not None or any(channel.interval for channel in self.channels)
 
     def motion(self) -> str:
-        """What the file holds of a motion: a displacement, or where it has none, a velocity.
-
-        **Raises:** `InputError` where it has neither, but what a study reads and nothing here guesses.
-        """
-        told = [quantity for quantity in ("displacement", "velocity") if quantity in self.hints.columns]
-        if len(told) == 2:
+        """What the file holds of a motion: a displacement, or where it has none, a velocity."""
+        given = [quantity for quantity in ("displacement", "velocity") if quantity in self.hints.columns]
+        if len(given) == 2:
             raise InputError(f"{self.file}: found both --displacement and --velocity, expected one of them.")
-        if told:
-            return told[0]
         has = lambda unit: any(channel.measures(unit) for channel in self.channels)
-        if has(SI["displacement"]) or not any(map(has, (SI["velocity"], *_OTHERS))):
-            return "displacement"
-        if has(SI["velocity"]):
-            return "velocity"
-        unit, kind = next((unit, kind) for unit, kind in _OTHERS.items() if has(unit))
-        raise InputError(
-            f"{self.file}: found no displacement or velocity, but a channel in {unit}, of which nothing is guessed: "
-            f'leave the file out, and add a [[record]] with measures = "{kind}" to the study that is made '
-            '("What can be measured" in docs/study-file.md), or name a motion by --displacement.'
-        )
-
-    def named_motion(self) -> str:
-        """Which quantity of a motion the names of channels tell, where no unit does."""
-        named = any(_called(channel, "velocity") for channel in self.channels)
-        return "velocity" if named and not any(_called(c, "displacement") for c in self.channels) else "displacement"
+        if known := given or [quantity for quantity in ("displacement", "velocity") if has(SI[quantity])]:
+            return known[0]
+        for unit, kind in (("N", "force"), ("m/s^2", "acceleration")):
+            if has(unit):
+                raise InputError(
+                    f"{self.file}: found no displacement or velocity, but a channel in {unit}, of which nothing is "
+                    f'guessed: leave the file out, and add a [[record]] with measures = "{kind}" to the study that is '
+                    'made ("What can be measured" in docs/study-file.md), or name a motion by --displacement.'
+                )
+        return "displacement"
 
     def choose(self, quantity: str, shaped: Callable[[Channel], bool]) -> None:
         """Choose the channel of a `quantity`, one that is `shaped` like it where no unit tells which."""
@@ -234,8 +209,8 @@ class _RoleSearch:
                 self.chosen[quantity] = candidates[0]
                 return
         # Without units, or with several that fit, the shapes decide, and names.
-        told = {channel for channel in left if channel.unit and not channel.letter} - set(fitting)
-        shapes = [channel for channel in named or fitting or [c for c in left if c not in told] if shaped(channel)]
+        unfit = {channel for channel in left if channel.unit and not channel.letter} - set(fitting)
+        shapes = [channel for channel in named or fitting or [c for c in left if c not in unfit] if shaped(channel)]
         by_name = [channel for channel in shapes if not fitting and _called(channel, quantity)]
         for candidates in (shapes, by_name):
             if len(candidates) == 1:
@@ -245,13 +220,14 @@ class _RoleSearch:
         self._ask(quantity, shapes, left)
 
     def _ask(self, quantity: str, shapes: Sequence[Channel], left: Sequence[Channel]) -> None:
+        """Raise the error that asks for the channel of a `quantity`, with those of its shape, or else those `left`."""
         moving = shapes or [channel for channel in left if self.may_move(channel)] or left
         listed = ", ".join(f'{c.number}: "{c.name}"' + (f" [{c.unit}]" if c.unit else "") for c in moving[:8])
         more = {
             "time": ', or --interval "50 us" with that between samples',
             "voltage": ' (or "none": then --peak tells the voltage)',
         }.get(quantity, "")
-        if moving and all(channel.unit and not self._may_be(channel, quantity) for channel in moving):
+        if all(channel.unit and not self._may_be(channel, quantity) for channel in moving):
             example = next(filter(None, (_example_of_scale(quantity, channel) for channel in moving)), "")
             more += f", and --scale with the factor of its numbers, such as {example}" if example else ""
         found = "several channels" if len(shapes or ([] if quantity == "time" else moving)) > 1 else "no channel"
@@ -268,10 +244,10 @@ class _RoleSearch:
             if not (channel.unit or quantity in self.hints.units or quantity in self.hints.scales)
         ]
         if missing:
-            told = ", ".join(f'the {q} in channel {self.chosen[q].number} ("{self.chosen[q].name}")' for q in missing)
+            listed = ", ".join(f'the {q} in channel {self.chosen[q].number} ("{self.chosen[q].name}")' for q in missing)
             usual = SI | {"displacement": "um", "velocity": "mm/s"}
             options = " ".join(f"--unit {q}={usual[q]}" for q in missing)
-            raise InputError(f"{self.file}: found no unit of {told}, expected options such as {options}.")
+            raise InputError(f"{self.file}: found no unit of {listed}, expected options such as {options}.")
         for quantity, channel in self.chosen.items():
             here = channel._replace(letter=False)
             if channel.unit and quantity not in self.hints.units and not self._may_be(here, quantity):
@@ -293,7 +269,8 @@ class _RoleSearch:
             return False
 
     def _values(self, channel: Channel) -> Float[np.ndarray, " n"]:
-        read = read_samples(self.reader, self.file, [channel.number], Clock(None, interval=1.0), (0.0, float(_MOST)))
+        """The numbers among the first four million samples of a channel."""
+        read = read_samples(self.reader, self.file, [channel.number], Clock(None, interval=1.0), (0.0, 4e6))
         values = read.values[:, 0]
         return values[np.isfinite(values)]
 
@@ -304,16 +281,16 @@ class _RoleSearch:
 
     def may_move(self, channel: Channel) -> bool:
         """Whether a channel may show a motion: it changes, does not count samples, and is not called a trigger."""
-        if _triggers(channel):
-            return False
         values = self._values(channel)
-        return bool(values.size and np.ptp(values) > 0 and not np.all(np.diff(values) == 1.0))
+        changes = values.size > 0 and np.ptp(values) > 0
+        return bool(changes and not np.all(np.diff(values) == 1.0) and not _is_trigger(channel))
 
     def is_a_drive(self, channel: Channel) -> bool:
         """Whether a channel has one of the waveforms, which a motion has not."""
-        if _triggers(channel):
-            return False
         values = self._values(channel)
-        if values.size < 16 or np.ptp(values) == 0 or self.increases(channel):
+        if _is_trigger(channel) or values.size < 16 or np.ptp(values) == 0 or self.increases(channel):
             return False
         return detect_waveform(np.arange(values.size, dtype=float), values).name != "sampled"
+
+
+## files/channel_samples.py

@@ -19,12 +19,6 @@ from .reading_process import Pairs, answers
 
 _FAMILY = "files.readers"
 
-_UNIVERSAL_FILE = re.compile(rb"    -1 *\r?\n {0,5}(\d+)b?\s")
-"""How Universal Files begin, with the number of their first dataset; each of these fields has six characters."""
-
-_LAST = "delimited-text"
-"""Anything may be text, so it is asked last."""
-
 
 class Clock(NamedTuple):
     """The source of the sample times: a channel, or an interval where no times were stored."""
@@ -55,31 +49,30 @@ class Samples(NamedTuple):
 
 
 def open_file(file: Path, decimal: str = "") -> AbstractSource:
-    """A reader of `file`, by what it holds and what it ends in; `decimal` is that of its text, "" where to be told.
-
-    **Raises:** `InputError` if the file is missing or of no format that is known.
-    """
+    """A reader of `file`, by what it holds and what it ends in; `decimal` is that of its text, "" where to be told."""
+    expected = "expected a file of samples"
     try:
-        if not stat.S_ISREG(file.stat().st_mode) and not file.is_dir():
-            raise InputError(f"{file}: found a pipe or a device, expected a file of samples, which is read repeatedly.")
-        with file.open("rb") as stream:
-            head = stream.read(1024)
+        is_stream = not (stat.S_ISREG(file.stat().st_mode) or file.is_dir())
+        head = b""
+        if not is_stream:
+            with file.open("rb") as stream:
+                head = stream.read(1024)
     except FileNotFoundError:
-        raise InputError(f"{file}: there is no such file, expected a file of samples.") from None
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror}), expected a file of samples.") from None
-    except InputError:
-        raise
-    except ValueError as error:  # a name that no file can have
-        raise InputError(f"{file}: cannot be read ({error}), expected a file of samples.") from None
+        raise InputError(f"{file}: there is no such file, {expected}.") from None
+    except (OSError, ValueError) as error:  # ValueError: of a name that no file can have
+        raise InputError(f"{file}: cannot be read ({getattr(error, 'strerror', error)}), {expected}.") from None
+    if is_stream:
+        raise InputError(f"{file}: found a pipe or a device, {expected}, which is read repeatedly.")
     if head.startswith(b"PK\x03\x04"):
         raise InputError(f"{file}: found a workbook or a ZIP archive, expected the sheet saved as CSV.")
-    if dataset := _UNIVERSAL_FILE.match(head):
+    # Fields of six characters: the mark of a dataset, and its number.
+    if dataset := re.match(rb"    -1 *\r?\n {0,5}(\d+)b?\s", head):
         raise InputError(
             f"{file}: found a Universal File (UFF, it begins with dataset {dataset[1].decode()}), which is not read; "
             "expected its time histories exported as CSV or MATLAB arrays."
         )
-    kinds = [member(_FAMILY, name) for name in sorted(members(_FAMILY), key=lambda name: name == _LAST)]
+    # Anything may be text, so that is asked last.
+    kinds = [member(_FAMILY, name) for name in sorted(members(_FAMILY), key=lambda name: name == "delimited-text")]
     for kind in kinds:
         if kind.recognises(file, head):
             reader: AbstractReader = kind(file, decimal)
@@ -151,17 +144,14 @@ def name_or_number(given: str) -> str | int:
 
 
 def find_channel(reader: AbstractSource, file: Path, channels: Sequence[Channel], given: str | int) -> Channel:
-    """The channel that is `given` by its name or its number.
-
-    **Raises:** `InputError` if there is none, or several.
-    """
+    """The channel that is `given` by its name or its number."""
     what = "column" if reader.place == "line" else "channel"
     if isinstance(given, int):
-        found = [channel for channel in channels if channel.number == given]
-        if found:
-            return found[0]
-        listed = ", ".join(str(channel.number) for channel in channels[:20])
-        raise InputError(f"{file}: there is no {what} {given} of numbers, expected one of {listed}.")
+        numbered = {channel.number: channel for channel in channels}
+        if given not in numbered:
+            listed = ", ".join(map(str, list(numbered)[:20]))
+            raise InputError(f"{file}: there is no {what} {given} of numbers, expected one of {listed}.")
+        return numbered[given]
     for name_of in (lambda c: c.written, lambda c: c.name, lambda c: c.name.replace(".", "/").rpartition("/")[2]):
         found = [channel for channel in channels if name_of(channel) == given]
         if len(found) == 1:
@@ -186,8 +176,6 @@ def read_samples(
     """Samples of the channels with these `numbers`, those within the `window` [s] where one is given.
 
     Memory is needed for what is kept, and for one block.
-
-    **Raises:** `InputError` if the file is broken or its times do not increase.
     """
     low, high = window or (-math.inf, math.inf)
     first = 0
@@ -201,10 +189,18 @@ def read_samples(
             time = clock.start + clock.interval * np.arange(done, done + len(block.places))
         else:
             time = clock.factor * block.values[:, wanted.index(clock.number)]
-            _check_times(reader, file, clock.number, before, time, block.places)
+            known = np.isfinite(time)
+            here, places = time[known], block.places[known]
+            if math.isfinite(before):
+                here, places = np.append(before, here), np.append(places[:1] - 1, places)
+            if np.any(np.diff(here) <= 0):
+                name = next(channel.name for channel in reader.channels() if channel.number == clock.number)
+                check_increasing(file, name, here, places, reader.place)
             begin = float(time[0]) if done == 0 else begin
         done += len(block.places)
-        filled = _carry_forward(time, before)
+        # A sample whose time is no number lies where the one before it does.
+        last = np.maximum.accumulate(np.where(np.isfinite(time), np.arange(time.size), -1))
+        filled = np.where(last >= 0, time[last], before)
         keep = (filled >= low) & (filled <= high) if window else slice(None)
         columns = [wanted.index(number) for number in numbers]
         kept.append((time[keep], block.values[keep][:, columns], block.places[keep]))
@@ -216,25 +212,3 @@ def read_samples(
         raise InputError(f"{file}: found no samples{within}, expected some.")
     time, values, places = (np.concatenate(parts) for parts in zip(*kept, strict=True))
     return Samples(time, values, places, begin, float(before))
-
-
-def _carry_forward(time: Float[np.ndarray, " samples"], before: float) -> Float[np.ndarray, " samples"]:
-    """The times, where there is none with the last one there was."""
-    known = np.isfinite(time)
-    if known.all():
-        return time
-    last = np.maximum.accumulate(np.where(known, np.arange(time.size), -1))
-    return np.where(last >= 0, time[np.maximum(last, 0)], before)
-
-
-def _check_times(
-    reader: AbstractSource, file: Path, number: int, before: float, time: np.ndarray, places: np.ndarray
-) -> None:
-    known = np.isfinite(time)
-    here, where = time[known], places[known]
-    if math.isfinite(before):
-        here, where = np.append(before, here), np.append(where[:1] - 1, where)
-    if np.all(np.diff(here) > 0):
-        return
-    name = next(channel.name for channel in reader.channels() if channel.number == number)
-    check_increasing(file, name, here, where, reader.place)

@@ -5,9 +5,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
-
 from ..core import InputError, display_unit
 from ..metrics import SI_UNITS, Characterisation, characterisation_of
 from .channel_samples import list_channels, name_or_number, open_file
@@ -16,12 +13,6 @@ from .readers.base import Channel
 from .record_columns import Layout, read_columns
 from .record_results import file_stems
 from .results_folder import staging_folder, write_text
-
-_CLOCKS = ("t", "s", "in s", "second", "seconds", "x-axis", "zeit", "source")
-"""Names that instruments give the column of the times, if not time."""
-
-_SIGNS = {"displacement": ("displacement", "position"), "force": ("force",)}
-"""What the name of a column contains that is to be preferred to others of the same dimension."""
 
 
 def characterise(
@@ -47,18 +38,32 @@ def characterise(
     **Raises:** `InputError` if the file or an option is at fault or no cycle is found.  Warns with
     `InputWarning` where the cycles are doubtful.
     """
-    measures, columns = _choose(
-        file, {"time": time, "displacement": displacement, "force": force}, units or {}, decimal
-    )
-    times, values, column = _read(file, measures, columns, units or {}, window, decimal)
+    measures, columns = _choose(file, {"time": time, "displacement": displacement, "force": force}, decimal)
+    si = {"time": "s", measures: SI_UNITS[measures]}
+    try:
+        read = read_columns(file, Layout(columns, si, units or {}, decimal=decimal), window)
+    except InputError as error:
+        # Here no study tells the unit, an option does.
+        text = str(error)
+        for quantity, unit in si.items():
+            text = text.replace(f'the key "{quantity}" in [record.units]', f'the option --unit "{quantity}={unit}"')
+        raise InputError(text) from None
+    read.check_numbers()
+    times, values = read.data["time"], read.data[measures]
+    if not times.size:
+        low, high = window or (0.0, 0.0)
+        raise InputError(
+            f"{file}: found no sample in the window {low:g} s to {high:g} s, "
+            f"expected some of the record's {read.begin:g} s to {read.end:g} s."
+        )
+    read.check_moves(measures, values)
+    column = read.channels[measures].name
     return characterisation_of(
         times, values, measures, file=file, column=column, frequency=frequency, slip_duration=slip_duration
     )
 
 
-def _choose(
-    file: Path, named: Mapping[str, str | None], units: Mapping[str, str], decimal: str
-) -> tuple[str, dict[str, str | int]]:
+def _choose(file: Path, named: Mapping[str, str | None], decimal: str) -> tuple[str, dict[str, str | int]]:
     """The quantity measured, and the columns to read; without "time" where the file keeps a clock instead."""
     if named["displacement"] and named["force"]:
         raise InputError(f"{file}: found both a displacement and a force to read, expected one of them.")
@@ -70,7 +75,8 @@ def _choose(
     others = [channel for channel in channels if channel.number not in clock.values()]
     for measures, unit in SI_UNITS.items():
         fitting = [channel for channel in others if channel.measures(unit)]
-        preferred = [channel for channel in fitting if any(sign in channel.name.lower() for sign in _SIGNS[measures])]
+        words = {"displacement": ("displacement", "position"), "force": ("force",)}[measures]
+        preferred = [channel for channel in fitting if any(word in channel.name.lower() for word in words)]
         if fitting:
             column = fitting[0] if len(fitting) == 1 else _choose_one(file, preferred or fitting, measures, channels)
             return measures, {**clock, measures: column.number}
@@ -83,8 +89,10 @@ def _clock(file: Path, named: str | None, channels: Sequence[Channel], decimal: 
         return {"time": name_or_number(named)}
     if any(channel.interval is not None for channel in channels):
         return {}
+    # Other names that instruments give the column of the times.
+    names = ("t", "s", "in s", "second", "seconds", "x-axis", "zeit", "source")
     fitting = [c for c in channels if c.name.rpartition("/")[2].lower().startswith(("time", "t_"))]
-    fitting = fitting or [c for c in channels if (c.measures("s") or not c.unit) and c.name.lower() in _CLOCKS]
+    fitting = fitting or [c for c in channels if (c.measures("s") or not c.unit) and c.name.lower() in names]
     fitting = fitting or [c for c in channels if c.measures("s")]
     if not fitting:
         found = {summary.number for summary in list_channels(file, decimal)[1] if summary.step and not summary.uneven}
@@ -102,41 +110,6 @@ def _choose_one(file: Path, fitting: Sequence[Channel], quantity: str, channels:
     )
 
 
-def _read(
-    file: Path,
-    measures: str,
-    columns: Mapping[str, str | int],
-    units: Mapping[str, str],
-    window: tuple[float, float] | None,
-    decimal: str,
-) -> tuple[Float[np.ndarray, " samples"], Float[np.ndarray, " samples"], str]:
-    """Checked times [s] and values [m or N], and the name of the column."""
-    si = {"time": "s", measures: SI_UNITS[measures]}
-    try:
-        read = read_columns(file, Layout(columns, si, units, decimal=decimal), window)
-    except InputError as error:
-        # Here no study tells the unit, an option does.
-        option = f'the option --unit "{measures}={si[measures]}"'
-        raise InputError(
-            str(error)
-            .replace(f'the key "{measures}" in [record.units]', option)
-            .replace('the key "time" in [record.units]', 'the option --unit "time=s"')
-        ) from None
-    read.check_numbers()
-    time, values = read.data["time"], read.data[measures]
-    if not time.size:
-        raise InputError(
-            f"{file}: found no sample in the window {window[0] if window else 0:g} s to "
-            f"{window[1] if window else 0:g} s, "
-            f"expected some of the record's {read.begin:g} s to {read.end:g} s."
-        )
-    read.check_moves(measures, values)
-    return time, values, read.channels[measures].name
-
-
-CHARACTERISATION_FORMAT = "pdssjax-characterisation/1"
-
-
 def write_characterisations(found: Sequence[Characterisation], folder: Path) -> None:
     """Put `characterise.json`, `cycles.csv` and a plot of each record into `folder`, in place of older results."""
     from ..report.figures import cycle_figure, save_figure
@@ -147,7 +120,8 @@ def write_characterisations(found: Sequence[Characterisation], folder: Path) -> 
         for stem, record in zip(stems, found, strict=True):
             save_figure(cycle_figure(record), staging / "plots" / f"{stem}.png")
         _write_cycles(dict(zip(stems, found, strict=True)), staging / "cycles.csv")
-        document = {"format": CHARACTERISATION_FORMAT, "records": [_record_document(record) for record in found]}
+        records = [_record_document(record) for record in found]
+        document = {"format": "pdssjax-characterisation/1", "records": records}
         write_text(staging / "characterise.json", json_text(document))
 
 

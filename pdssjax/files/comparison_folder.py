@@ -109,8 +109,7 @@ class CandidateFolder:
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-            told = f"{file}: found no kept candidate ({error}); it is fitted again."
-            warnings.warn(told, InputWarning, stacklevel=2)
+            warnings.warn(f"{file}: found no kept candidate ({error}); it is fitted again.", InputWarning, 2)
             return None
 
     def keep(self, candidate: Candidate, digest: str, fitted: FittedCandidate, estimate: Estimate | None) -> None:
@@ -124,8 +123,8 @@ class CandidateFolder:
                 _write(folder / _KEPT, digest, fitted)
         except OSError as error:
             if not self._warned:
-                told = f"{folder}: cannot be written ({error.strerror or error}); the comparison goes on in memory."
-                warnings.warn(told, InputWarning, stacklevel=2)
+                message = f"{folder}: cannot be written ({error.strerror or error}); the comparison goes on in memory."
+                warnings.warn(message, InputWarning, stacklevel=2)
             self._warned = True
 
 
@@ -135,17 +134,12 @@ _ARRAYS = "residuals", "held_out"
 def _write(file: Path, digest: str, fitted: FittedCandidate) -> None:
     """Write a candidate into its file."""
     plain = {f.name: getattr(fitted, f.name) for f in dataclasses.fields(fitted) if f.name not in _ARRAYS}
-    document = json.dumps({"format": CANDIDATE_FORMAT, "digest": digest, **plain}, default=_json_value)
+    of_json = lambda value: value.item() if isinstance(value, np.generic) else dict(value)
+    document = json.dumps({"format": CANDIDATE_FORMAT, "digest": digest, **plain}, default=of_json)
     arrays = {f"{name}_{k}": array for name in _ARRAYS for k, array in enumerate(getattr(fitted, name))}
     content = io.BytesIO()
     np.savez(content, document=np.array(document), **arrays)
     write_whole(file, content.getvalue())
-
-
-def _json_value(value: object) -> object:
-    if isinstance(value, np.generic):
-        return value.item()
-    return dict(value)  # pyright: ignore[reportArgumentType, reportCallIssue]
 
 
 def _read(file: Path, digest: str) -> FittedCandidate | None:
@@ -190,21 +184,15 @@ def comparison_text(found: Comparison) -> str:
         "blocks": found.blocks,
         "whole_records": found.whole_records,
         "noise": {name: noise._asdict() for name, noise in found.noise.items()},
-        "telling": None if found.telling is None else found.telling._asdict(),
+        "telling": found.telling and found.telling._asdict(),
         "seconds": found.seconds,
         "models": [],
     }
+    names = "name model free failure converged explained message values units errors refitted start seconds".split()
     for result in found.results:
-        fitted = result.fitted
-        names = ("name", "model", "free", "failure", "converged", "explained", "message", "values", "units", "errors")
-        entry = {name: getattr(fitted, name) for name in (*names, "refitted", "start", "seconds")}
-        for name in ("time", "records"):
-            pair = getattr(result, name)
-            told = None if pair is None else {"worse_by": pair.total, "standard_error": pair.standard_error}
-            entry[f"held_out_{name}"] = told
-        entry["criterion"] = result.criterion
-        entry["group"] = result.group
-        entry["worse"] = result.is_worse
-        entry["misfit"] = None if result.misfit is None else result.misfit._asdict()
-        document["models"].append(entry)
+        entry = {name: getattr(result.fitted, name) for name in names}
+        for name, pair in (("held_out_time", result.time), ("held_out_records", result.records)):
+            entry[name] = pair and {"worse_by": pair.total, "standard_error": pair.standard_error}
+        entry |= {"criterion": result.criterion, "group": result.group, "worse": result.is_worse}
+        document["models"].append(entry | {"misfit": result.misfit and result.misfit._asdict()})
     return json_text(document)

@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ..core import Document, InputError, member
+from ..actuator import PARTS
+from ..core import Document, InputError, member, quantities
 from ..design import Knowledge, Limits, Resources, misfit_by_kind
 from .estimate_results import read_covariance, read_estimate
 from .study_toml import read_toml
@@ -17,18 +18,18 @@ from .toml_table import Table
 DESIGN_KEYS: dict[str, str] = {
     "kinds": 'What may be measured: "platform", "effector", "velocity", "force", "friction".',
     "waveforms": "Drives that the generator can make.",
-    "voltage": "Least and greatest [V].",
-    "frequency": "Least and greatest [Hz].",
+    "voltage": "Least and greatest voltage [V].",
+    "frequency": "Least and greatest frequency [Hz].",
     "duty": "Shares of the period that the slow flank may take.",
-    "amplitude": "Of the motion prescribed in friction records [m].",
+    "amplitude": "Amplitudes of the motion prescribed in friction records [m].",
     "interval": "Least time between samples [s].",
     "duration": "Longest record [s].",
-    "noise": "Standard deviation, by kind.",
-    "correlation_time": "Of the noise [s], by kind; left out: white.",
+    "noise": "Standard deviation of the noise, by kind.",
+    "correlation_time": "Correlation time of the noise [s], by kind; white if left out.",
     "range": "Largest extent that a sensor sees, by kind.",
     "rig": "By path, numbers to which a fixed parameter may be set for a record.",
-    "record_cost": "Of each record, in a unit of your choice (1).",
-    "second_cost": "Of each second recorded (0).",
+    "record_cost": "Cost of each record, in a unit of your choice (default 1).",
+    "second_cost": "Cost of each second recorded (default 0).",
     "budget": "Samples, records, seconds and cost of all records together.",
 }
 """Meaning of each key."""
@@ -53,43 +54,38 @@ def read_design(study: Path, lines: Sequence[str] = (), budget: Mapping[str, str
     """
     stated: Document = dict(Table(read_toml(study), str(study)).table("design", "a table", {}).entries)
     for line in lines:
-        stated |= _line(line)
-    spent: Document = dict(stated.get("budget", {}) if isinstance(stated.get("budget", {}), dict) else {})
-    spent |= {key: _number(text) for key, text in (budget or {}).items()}
-    stated["budget"] = spent
+        try:
+            stated |= tomllib.loads(line)
+        except ValueError as error:
+            raise InputError(
+                f"option --limit: found {line!r:.80}, expected a line of TOML such as 'interval = \"50 us\"': {error}."
+            ) from None
     table = Table(stated, f"{study}: design")
     table.only(DESIGN_KEYS)
-    return DesignTable(_limits(table), _budget(table), stated)
-
-
-def _line(line: str) -> Document:
-    try:
-        return tomllib.loads(line)
-    except ValueError as error:
-        raise InputError(
-            f"option --limit: found {line!r:.80}, expected a line of TOML such as 'interval = \"50 us\"': {error}."
-        ) from None
-
-
-def _number(text: str) -> float | int | str:
-    try:
-        return int(text)
-    except ValueError:
-        return text
-
-
-def _budget(table: Table) -> Resources:
-    spent = table.table("budget", "a table such as { samples = 2000, records = 4 }")
+    example = "a table such as { samples = 2000, records = 4 }"
+    given = {key: int(text) if text.isdecimal() else text for key, text in (budget or {}).items()}
+    stated["budget"] = {**table.table("budget", example, {}).entries, **given}
+    spent = table.table("budget", example)
     spent.only(BUDGET_KEYS)
     expected = "a whole number above 0, as in --budget samples=2000 records=4"
     rest = {key: spent.number(key, unit) for key, unit in (("seconds", "s"), ("cost", "")) if key in spent.entries}
-    return Resources(samples=spent.whole("samples", expected), records=spent.whole("records", expected), **rest)
+    spendable = Resources(samples=spent.whole("samples", expected), records=spent.whole("records", expected), **rest)
+    return DesignTable(_limits(table), spendable, stated)
 
 
 def _limits(table: Table) -> Limits:
-    stated = table.entries
-    pair = lambda key, unit: _pair(table, key, unit) if key in stated else None
-    number = lambda key, unit: table.number(key, unit) if key in stated else None
+    rig = table.table("rig", 'a table such as { "effector.tilt" = ["-5 deg", "5 deg"] }', {})
+    # A path that is none is refused afterwards, with what may be set.
+    rig_units = {f"{name}.{field}": q.unit for name, part in PARTS.items() for field, q in quantities(part).items()}
+
+    def pair(key: str, unit: str) -> tuple[float, float] | None:
+        if key not in table.entries:
+            return None
+        found = _numbers(table, key, unit)
+        if len(found) != 2:
+            raise InputError(f"{table.at(key)}: found {table.entries[key]}, expected the least and the greatest.")
+        return found[0], found[1]
+
     return Limits(
         kinds=_texts(table, "kinds") or None,
         waveforms=_texts(table, "waveforms") or None,
@@ -97,12 +93,12 @@ def _limits(table: Table) -> Limits:
         frequency=pair("frequency", "Hz"),
         duty=_numbers(table, "duty", ""),
         amplitude=_numbers(table, "amplitude", "m"),
-        interval=number("interval", "s"),
-        duration=number("duration", "s"),
+        interval=table.number("interval", "s", None),
+        duration=table.number("duration", "s", None),
         noise=_by_kind(table, "noise", _unit),
         correlation_time=_by_kind(table, "correlation_time", lambda kind: "s"),
         range=_by_kind(table, "range", _unit),
-        rig=_rig(table),
+        rig={path: _numbers(rig, path, rig_units.get(path, "")) for path in rig.entries},
         record_cost=table.number("record_cost", "", 1.0),
         second_cost=table.number("second_cost", "", 0.0),
     )
@@ -128,26 +124,9 @@ def _numbers(table: Table, key: str, unit: str) -> tuple[float, ...]:
     return tuple(inner.number(place, unit) for place in inner.entries)
 
 
-def _pair(table: Table, key: str, unit: str) -> tuple[float, float]:
-    found = _numbers(table, key, unit)
-    if len(found) != 2:
-        raise InputError(f"{table.at(key)}: found {table.entries[key]}, expected the least and the greatest.")
-    return found[0], found[1]
-
-
 def _by_kind(table: Table, key: str, unit: Callable[[str], str]) -> dict[str, float]:
     inner = table.table(key, 'a table by kind such as { effector = "..." }', {})
     return {kind: inner.number(kind, unit(kind)) for kind in inner.entries}
-
-
-def _rig(table: Table) -> dict[str, tuple[float, ...]]:
-    """Numbers by path, still in the unit that the text says; a text without a legal path is refused afterwards."""
-    from ..actuator import PARTS
-    from ..core import quantities
-
-    units = {f"{name}.{field}": q.unit for name, part in PARTS.items() for field, q in quantities(part).items()}
-    inner = table.table("rig", 'a table such as { "effector.tilt" = ["-5 deg", "5 deg"] }', {})
-    return {path: _numbers(inner, path, units.get(path, "")) for path in inner.entries}
 
 
 def read_knowledge(file: Path) -> Knowledge:
@@ -158,11 +137,11 @@ def read_knowledge(file: Path) -> Knowledge:
     document = read_estimate(file)
     try:
         parameters = document["parameters"]
-        values = {path: float(told["value"]) for path, told in parameters.items()}
+        values = {path: float(entry["value"]) for path, entry in parameters.items()}
         fitted = [r for r in document["records"] if r["role"] == "fit"]
         records = [(r["measures"], r.get("reduced_chi2") or float("nan")) for r in fitted]
-        verdicts = {path: told.get("interval_verdicts") or () for path, told in parameters.items()}
-        determined = any(told.get("standard_error") for told in parameters.values())
+        verdicts = {path: entry.get("interval_verdicts") or () for path, entry in parameters.items()}
+        determined = any(entry.get("standard_error") for entry in parameters.values())
     except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"{file}: found no parameters and records, expected what pdssjax identify wrote.") from None
     known = read_covariance(file) if determined else None

@@ -27,15 +27,10 @@ from ..core import Document, InputError, InputWarning
 from ..study import Draws
 from .json_text import finite_numbers
 from .reading_process import Pairs, answers
+from .record_results import write_columns
 from .results_folder import DRAWS, write_whole
 
 FORMAT = "pdssjax-draws/5"
-
-_DIGEST = "digest"
-"""The last key of each line."""
-
-_LISTED = 5
-"""Lines that a message names."""
 
 
 def holds_draws(folder: Path) -> bool:
@@ -123,19 +118,27 @@ class DrawsFile:
         except OSError as error:
             raise InputError(f"{self._file}: cannot be read ({error}), expected that of a run to go on with.") from None
         whole = text[: text.rfind("\n") + 1]
-        head, *rest = whole.splitlines(keepends=True) or [""]
-        self._begun = self._parsed_head(head)
-        self._run = _digest_of(self._begun, "")
-        sound, damaged = [head], []
+        first, *rest = whole.splitlines(keepends=True) or [""]
+        expected = "expected a file of draws that this version of pdssjax wrote"
+        head = _parsed(first)
+        if head is None or head.get("format") != FORMAT:
+            raise InputError(f'{self._file}: line 1: found no "format": "{FORMAT}", {expected}.')
+        if head.pop("digest", None) != _digest_of(head, ""):
+            raise InputError(
+                f"{self._file}: line 1: found something else than its digest is of, {expected}; begin anew without "
+                "--resume."
+            )
+        self._begun, self._run = head, _digest_of(head, "")
+        sound, damaged = [first], list[int]()
         for number, line in enumerate(rest, 2):
-            entry = _entry_of(line, self._run)
-            if entry is None:
+            entry = _parsed(line)
+            if entry is None or entry.pop("digest", None) != _digest_of(entry, self._run):
                 damaged.append(number)
             else:
                 self._entries.append(entry)
                 sound.append(line)
         if damaged:
-            listed = ", ".join(map(str, damaged[:_LISTED])) + (", ..." if len(damaged) > _LISTED else "")
+            listed = ", ".join(map(str, damaged[:5])) + (", ..." if len(damaged) > 5 else "")
             warnings.warn(
                 f"{self._file}: found {len(damaged)} lines that are damaged or of another run (line {listed}); what "
                 "they held is drawn again.",
@@ -145,25 +148,10 @@ class DrawsFile:
         if damaged or text != whole:
             self._write("".join(sound), anew=True)
 
-    def _parsed_head(self, line: str) -> Document:
-        """**Raises** `InputError` where a `line` is no first line of draws, or not as it was written."""
-        expected = "expected a file of draws that this version of pdssjax wrote"
-        head: object = None
-        with contextlib.suppress(ValueError, RecursionError):
-            head = json.loads(line)
-        if not isinstance(head, dict) or head.get("format") != FORMAT:
-            raise InputError(f'{self._file}: line 1: found no "format": "{FORMAT}", {expected}.')
-        if head.pop(_DIGEST, None) != _digest_of(head, ""):
-            raise InputError(
-                f"{self._file}: line 1: found something else than its digest is of, {expected}; begin anew without "
-                "--resume."
-            )
-        return head
-
 
 def _line(document: Document, run: str) -> str:
     """A line of the file, with its digest."""
-    return json.dumps(document | {_DIGEST: _digest_of(document, run)}) + "\n"
+    return json.dumps(document | {"digest": _digest_of(document, run)}) + "\n"
 
 
 def _digest_of(document: Document, run: str) -> str:
@@ -171,15 +159,12 @@ def _digest_of(document: Document, run: str) -> str:
     return hashlib.sha256(f"{run} {json.dumps(document, sort_keys=True)}".encode()).hexdigest()[:32]
 
 
-def _entry_of(line: str, run: str) -> Document | None:
-    """The entry in a `line`; None where a `run` has not written it."""
-    try:
-        entry: object = json.loads(line)
-    except (ValueError, RecursionError):  # syntax, and integers and nesting beyond what Python reads
-        return None
-    if not isinstance(entry, dict) or entry.pop(_DIGEST, None) != _digest_of(entry, run):
-        return None
-    return entry
+def _parsed(line: str) -> Document | None:
+    """The JSON object in a `line`; None where it is damaged."""
+    with contextlib.suppress(ValueError, RecursionError):  # syntax; integers and nesting beyond what Python reads
+        document: object = json.loads(line)
+        return document if isinstance(document, dict) else None
+    return None
 
 
 _FILES = {"bootstrap": "bootstrap.csv", "posterior": "posterior.nc"}
@@ -189,9 +174,9 @@ _FILES = {"bootstrap": "bootstrap.csv", "posterior": "posterior.nc"}
 def write_draws(draws: Draws, units: dict[str, str], folder: Path) -> None:
     """Put all draws into `folder`; `units` by path of the parameter."""
     if draws.kind == "bootstrap":
-        head = ",".join(f"{path} [{units[path]}]" if units[path] else path for path in draws.names)
-        file = folder / _FILES["bootstrap"]
-        np.savetxt(file, draws.values[0], "%.10g", ",", header=head, comments="", encoding="utf-8")
+        named = [f"{path} [{units[path]}]" if units[path] else path for path in draws.names]
+        columns = dict(zip(named, draws.values[0].T, strict=True))
+        write_columns(folder / _FILES["bootstrap"], columns, "%.10g")
     else:
         _write_posterior(draws, units, folder / _FILES["posterior"])
 
@@ -210,21 +195,15 @@ def read_draws(estimate: Path, kind: str) -> tuple[tuple[str, ...], Float[np.nda
             "estimate."
         )
     try:
-        return (_read_bootstrap if kind == "bootstrap" else _read_posterior)(place)
+        if kind == "posterior":
+            paths, columns = zip(*answers(posterior_of, place), strict=True)
+            return paths, np.stack(columns, axis=1)
+        with place.open(encoding="utf-8") as lines:
+            names = tuple(column.partition(" [")[0] for column in lines.readline().strip().split(","))
+            return names, np.loadtxt(lines, delimiter=",", ndmin=2)
     except (OSError, ValueError, TypeError, KeyError) as error:
-        told = str(error).strip().partition("\n")[0]
-        raise InputError(f"{place}: cannot be read ({told}), expected the draws of pdssjax identify.") from None
-
-
-def _read_bootstrap(file: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "draws p"]]:
-    with file.open(encoding="utf-8") as lines:
-        names = tuple(column.partition(" [")[0] for column in lines.readline().strip().split(","))
-        return names, np.loadtxt(lines, delimiter=",", ndmin=2)
-
-
-def _read_posterior(file: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "draws p"]]:
-    names, columns = zip(*answers(posterior_of, file), strict=True)
-    return names, np.stack(columns, axis=1)
+        reason = str(error).strip().partition("\n")[0]
+        raise InputError(f"{place}: cannot be read ({reason}), expected the draws of pdssjax identify.") from None
 
 
 def posterior_of(file: Path) -> Pairs:
@@ -245,24 +224,17 @@ def _write_posterior(draws: Draws, units: dict[str, str], file: Path) -> None:
     chains, each, _ = draws.values.shape
     coordinates = {"chain": np.arange(chains), "draw": np.arange(each)}
     about = {"inference_library": "pdssjax", "description": draws.description, "seed": draws.seed}
-    posterior = xarray.Dataset(
-        {
-            path: (("chain", "draw"), draws.values[:, :, i], {"units": units[path]})
-            for i, path in enumerate(draws.names)
-        },
-        coordinates,
-        about,
-    )
+    drawn = {
+        path: (("chain", "draw"), draws.values[:, :, i], {"units": units[path]}) for i, path in enumerate(draws.names)
+    }
+    posterior = xarray.Dataset(drawn, coordinates, about)
     if any(importlib.util.find_spec(package) is None for package in ("h5netcdf", "h5py")):
         # Without groups, which the older format has not; ArviZ takes the dataset once xarray has opened it.
         posterior.to_netcdf(file, engine="scipy")
         return
-    numbers = {name: (("chain", "draw"), _storable(values)) for name, values in draws.statistics.items()}
+    # Truth values as they are in ArviZ's own files, of a type that every reader of the format knows.
+    storable = lambda values: np.asarray(values, np.int8) if values.dtype == bool else values
+    numbers = {name: (("chain", "draw"), storable(values)) for name, values in draws.statistics.items()}
     statistics = xarray.Dataset(numbers, coordinates, about)
     tree = xarray.DataTree.from_dict({"/posterior": posterior, "/sample_stats": statistics})
     tree.to_netcdf(file, engine="h5netcdf")
-
-
-def _storable(values: np.ndarray) -> np.ndarray:
-    """A type that every reader of the format knows: truth values as they are in ArviZ's own files."""
-    return np.asarray(values, np.int8) if values.dtype == bool else values

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..actuator import ZeroOrderHold
-from ..core import InputError, Quantity, choices, member, members, quantities, to_si
+from ..core import InputError, choices, member, members, quantities, to_si
 from ..drive.base import AbstractDrive
 from ..drive.sampled import Sampled
 from ..metrics import flicker_of, smoothed
@@ -21,26 +21,16 @@ from .toml_table import Table
 
 _EXPECTED = '"3 cycles", or of a sampled drive { cycles = 3, period = "1 s" } or a time such as "60 s"'
 
-_HELD = 60.0
-"""How long the first voltage was held [s] where a study does not say it: long beside what rings."""
+_HELD, _SHORTEST = 60.0, 2.0
+"""How long the first voltage was held [s] where a study does not say it: long beside what rings.  At least so long
+where a rest costs steps, as with a stack that is integrated all the while."""
 
-_SHORTEST = 2.0
-"""The same [s], at least, of a stack that is integrated all the while."""
-
-_FLICKERS = 2.0
-"""Times its flicker from which a voltage is off zero."""
-
-_CHANGES = 3.0
-"""Times that by which it has to go to and fro to be more than noise about one level."""
-
-_NOTHING = 1e-3
-"""Part of the peak that counts as 0 V without noise, too."""
+_FLICKERS, _CHANGES = 2.0, 3.0
+"""Times its flicker from which a voltage is off zero; times that by which it has to go to and fro to be more than noise
+about one level."""
 
 _MOST = 10_000
 """Cycles; more than any stack remembers."""
-
-_CLOSED = 0.02
-"""Part of the swing by which a period of samples may miss its begin."""
 
 
 def conditioned(record: Table, drive: AbstractDrive | None) -> tuple[AbstractDrive | None, float]:
@@ -48,8 +38,6 @@ def conditioned(record: Table, drive: AbstractDrive | None) -> tuple[AbstractDri
 
     Cycles of a waveform are run before its t = 0, a sampled drive's first period is repeated, or its first
     voltage held for a time; held for none, it sets in at t = 0.
-
-    **Raises:** `InputError` where the key is at fault, or does not suit the drive.
     """
     if "conditioning" not in record.entries:
         return drive, 0.0
@@ -88,7 +76,8 @@ def rest_before(
         return drive, 0.0, None
     volts = np.asarray(inner.voltages)
     noise = _FLICKERS * flicker_of(volts)
-    if abs(volts[0]) <= max(noise, _NOTHING * float(np.max(np.abs(volts)))) or np.ptp(volts) <= _CHANGES * noise:
+    # A thousandth of the peak is 0 V without noise, too.
+    if abs(volts[0]) <= max(noise, 1e-3 * float(np.max(np.abs(volts)))) or np.ptp(volts) <= _CHANGES * noise:
         return drive, 0.0, None
     held = _HELD if settles else float(np.clip(length, _SHORTEST, _HELD))
     if isinstance(drive, ZeroOrderHold):
@@ -124,30 +113,30 @@ def _of_samples(record: Table, drive: Sampled) -> tuple[Sampled, float]:
     if not (period > 0 and inside.sum() >= 3 and inside.sum() < times.size):
         raise InputError(f"{table.at('period')}: found {period:g} s, expected a time that the samples hold.")
     misses = abs(float(voltages[inside.sum()] - voltages[0]))
-    if misses > _CLOSED * float(np.ptp(voltages)):
+    if misses > 0.02 * float(np.ptp(voltages)):
         raise InputError(
             f"{table.at('period')}: found {period:g} s, after which the voltage is {misses:.3g} V from where it began, "
             "expected a period of it."
         )
     earlier = (np.arange(count)[:, None] * period + times[inside]).ravel()
-    return (
-        dataclasses.replace(
-            drive,
-            times=np.concatenate([earlier, times + count * period]),
-            voltages=np.concatenate([np.tile(voltages[inside], count), voltages]),
-        ),
-        count * period,
+    conditioned_drive = dataclasses.replace(
+        drive,
+        times=np.concatenate([earlier, times + count * period]),
+        voltages=np.concatenate([np.tile(voltages[inside], count), voltages]),
     )
+    return conditioned_drive, count * period
 
 
-SAMPLED_KEYS = ["column", "file", "time", "unit", "scale", "decimal", "smooth"]
-"""Keys of a sampled drive besides its choices: where its voltages are."""
-
-_UNEVEN = 0.01
-"""Part of an interval by which samples that are to be smoothed may be off."""
-
-_QUIET = 0.02
-"""Part of the peak up to which a measured voltage counts as 0 V."""
+SAMPLED_KEYS = {
+    "column": "Name or number of the column with the voltages.",
+    "file": "File with the voltages; left out: the record's own.",
+    "time": "Column of the times, or their interval; left out: that of the record.",
+    "unit": "Unit of the voltages, where the column's name does not end in it.",
+    "scale": 'Factor of the voltages, such as "20 V/V".',
+    "decimal": "Decimal sign of a text; left out: that of the record, or found in the file.",
+    "smooth": "Width [s] over which the voltages are smoothed.",
+}
+"""Meaning of each key of a sampled drive besides its choices."""
 
 
 def read_drive(table: Table, record: Table, folder: Path, told: Table) -> tuple[AbstractDrive, frozenset[str]]:
@@ -155,8 +144,6 @@ def read_drive(table: Table, record: Table, folder: Path, told: Table) -> tuple[
 
     With `zero_order_hold` it is the staircase of a converter that renews the voltage that often.  A number that it
     needs and leaves out is that of the study's parameter: what is `told` of it, by path, if anything.
-
-    **Raises:** `InputError` if the waveform or a field is unknown, missing or illegal.
     """
     name = table.option("waveform", members("drive"))
     drive = member("drive", name)
@@ -165,24 +152,25 @@ def read_drive(table: Table, record: Table, folder: Path, told: Table) -> tuple[
     table.only(["waveform", "hold", *named, *numbers, *(SAMPLED_KEYS if sampled else [])])
     fields: dict[str, Any] = {key: table.option(key, options, next(iter(options))) for key, options in named.items()}
     for key, declared in numbers.items():
-        if key in table.entries or not declared.optional:
-            fields[key] = _number(table, key, declared, told)
+        if key not in table.entries and not declared.optional and f"drive.{key}" in told.entries:
+            parameter = told.table(f"drive.{key}", "a table such as { value = ... }")
+            fields[key] = parameter.quantity("start" if "start" in parameter.entries else "value", declared)
+        elif key in table.entries or not declared.optional:
+            fields[key] = table.quantity(key, declared)
     overrides = frozenset(fields) & frozenset(table.entries)
     if sampled:
         fields |= _voltages(table, record, folder)
     made = drive(**fields)
     for key, clause in made.broken_conditions().items():
         raise InputError(f"{table.at(key)}: found {clause}.")
-    return (ZeroOrderHold(made, _hold_interval(table, made)) if "hold" in table.entries else made), overrides
-
-
-def _number(table: Table, key: str, declared: Quantity, told: Table) -> float:
-    """A number of the drive by its `table`, or else by its parameter: the value, or where a fit starts."""
-    path = f"drive.{key}"
-    if key in table.entries or path not in told.entries:
-        return table.quantity(key, declared)
-    parameter = told.table(path, "a table such as { value = ... }")
-    return parameter.quantity("start" if "start" in parameter.entries else "value", declared)
+    if "hold" not in table.entries:
+        return made, overrides
+    interval, frequency = table.number("hold", "s"), made.cycle_frequency()
+    period = np.inf if frequency is None else 1.0 / frequency
+    if not 0 < interval < period:
+        below = f" and below the period, {period:g} s" if frequency is not None else ""
+        raise InputError(f"{table.at('hold')}: found {interval:g} s, expected a time above 0{below}.")
+    return ZeroOrderHold(made, interval), overrides
 
 
 def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
@@ -204,7 +192,7 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
         raise InputError(
             f"{where}: found 0 V in all {time.size} samples, expected the voltage that moves the actuator."
         )
-    early = np.flatnonzero((time < 0) & (np.abs(voltage) > _QUIET * peak))
+    early = np.flatnonzero((time < 0) & (np.abs(voltage) > 0.02 * peak))
     # The sample just before t = 0 may already be on the way to the next one.
     early = early[early < np.searchsorted(time, 0.0) - 1]
     if early.size:
@@ -232,7 +220,7 @@ def _smoothed(table: Table, time: Float[np.ndarray, " n"], voltage: Float[np.nda
     longest = 0.05 * float(time[-1] - time[0])
     if not 0 < width <= longest:
         raise InputError(f"{table.at('smooth')}: found {width:g} s, expected a time above 0 and up to {longest:g} s.")
-    if np.ptp(intervals) > _UNEVEN * np.median(intervals):
+    if np.ptp(intervals) > 0.01 * np.median(intervals):
         raise InputError(
             f"{table.at('smooth')}: found samples of the voltage from {intervals.min():g} to {intervals.max():g} s "
             "apart, expected evenly spaced ones."
@@ -255,14 +243,3 @@ def _layout(table: Table, record: Table, column: str | int) -> Layout:
     interval, begin = (None, 0.0) if source is None else interval_at(source)
     decimal = decimal_at(table) or decimal_at(record)
     return Layout(names, {"time": "s", "voltage": "V"}, units, scales_at(table, "voltage"), interval, begin, decimal)
-
-
-def _hold_interval(table: Table, drive: AbstractDrive) -> float:
-    """The interval [s] of `zero_order_hold`, checked against the drive."""
-    interval = table.number("hold", "s")
-    frequency = drive.cycle_frequency()
-    period = np.inf if frequency is None else 1.0 / frequency
-    if not 0 < interval < period:
-        below = f" and below the period, {period:g} s" if frequency is not None else ""
-        raise InputError(f"{table.at('hold')}: found {interval:g} s, expected a time above 0{below}.")
-    return interval

@@ -4,24 +4,15 @@ import dataclasses
 import json
 import math
 import types
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
-from jaxtyping import AbstractArray, Float
+from jaxtyping import AbstractArray
 
 from ..core import Document, InputError, choices, member
 from ..report.page import Illustration, Page, Section, estimate_page
-from ..study import (
-    Draws,
-    Estimate,
-    FittedParameter,
-    FittedRecord,
-    Multistart,
-    ParameterDraws,
-    ParameterError,
-)
+from ..study import Draws, Estimate, FittedParameter, FittedRecord, Multistart, ParameterDraws, ParameterError
 from .draws_file import read_draws
 from .estimate_results import read_estimate
 from .record_results import COMPARED, VOLTAGE, file_stems, prescribed_column
@@ -58,14 +49,16 @@ def _estimate(document: Document, file: Path) -> Estimate:
     names = tuple(document["covariance"]["names"])
     matrix = lambda rows: _numbers(rows).reshape(len(names), len(names))
     covariances = {name: rows for name, rows in document.get("covariances", {}).items() if name != "names"}
+    stems = file_stems(record["name"] for record in document["records"])
+    files = [file.parent / "predictions" / f"{stem}.csv" for stem in stems]
     found: Document = {
         "names": names,
         "covariance": matrix(document["covariance"]["matrix"]),
         "correlation": matrix(document["correlation"]["matrix"]),
         "covariances": {name: matrix(rows) for name, rows in covariances.items()},
         "parameters": {path: _parameter(path, entry) for path, entry in document["parameters"].items()},
-        "records": _records(document["records"], file.parent / "predictions"),
-        "draws": _draws(document.get("draws"), file),
+        "records": tuple(_record(*pair) for pair in zip(document["records"], files, strict=True)),
+        "draws": None if document.get("draws") is None else _draws(document["draws"], file),
     }
     # What is left stands in the document as in the estimate; an earlier version did not write all of it.
     kinds = get_type_hints(Estimate)
@@ -94,13 +87,9 @@ def _read(kind: Entry, entry: Entry, missing: float = math.nan) -> Entry:
     if isinstance(kind, type) and issubclass(kind, AbstractArray):
         return _numbers(entry, missing)
     if isinstance(entry, dict):
-        kinds = get_type_hints(kind)
-        return kind(**{key: _read(kinds[key], entry[key], _missing(kind, key)) for key in entry})
+        kinds, null = get_type_hints(kind), lambda key: math.inf if (kind, key) in _INFINITE else math.nan
+        return kind(**{key: _read(kinds[key], entry[key], null(key)) for key in entry})
     return entry
-
-
-def _missing(kind: Entry, key: str) -> float:
-    return math.inf if (kind, key) in _INFINITE else math.nan
 
 
 def _numbers(entry: Entry, missing: float = math.nan) -> np.ndarray:
@@ -117,32 +106,22 @@ def _numbers(entry: Entry, missing: float = math.nan) -> np.ndarray:
 
 def _parameter(path: str, entry: Document) -> FittedParameter:
     renamed = {"informed": "identifiable", "interval_verdicts": "verdicts"}
-    told = {renamed.get(key, key): value for key, value in entry.items() if key != "interval_at_bound"}
-    low, high = told.pop("bounds", (None, None))
+    fields = {renamed.get(key, key): value for key, value in entry.items() if key != "interval_at_bound"}
+    low, high = fields.pop("bounds", (None, None))
     bounds = (-math.inf if low is None else low, math.inf if high is None else high)
-    return _read(FittedParameter, {"path": path, "bounds": bounds, **told})
+    return _read(FittedParameter, {"path": path, "bounds": bounds, **fields})
 
 
-def _records(entries: Sequence[Document], folder: Path) -> tuple[FittedRecord, ...]:
-    """The records, with their samples from the files of the `folder`."""
-    records = tuple(map(_record, entries))
-    read = []
-    for record, entry, stem in zip(records, entries, file_stems(record.name for record in records), strict=True):
-        file = folder / f"{stem}.csv"
-        read.append(_with_samples(record, file, _numbers(entry.get("outliers", ()))) if file.exists() else record)
-    return tuple(read)
-
-
-def _record(entry: Document) -> FittedRecord:
-    """A record without samples."""
+def _record(entry: Document, file: Path) -> FittedRecord:
+    """A record, with the samples of its `file` where that is there."""
     kind = member("study.measurement", entry["measures"])
     words = {key: entry.get(key, next(iter(options))) for key, options in choices(kind).items()}
     measurement = kind(**{key: choices(kind)[key][word] for key, word in words.items()})
     kinds = get_type_hints(FittedRecord)
-    told = {key: _read(kinds[key], entry[key]) for key in kinds if key in entry and key != "outliers"}
+    fields = {key: _read(kinds[key], entry[key]) for key in kinds if key in entry and key != "outliers"}
     none = np.zeros(0)
-    return FittedRecord(
-        **told,
+    record = FittedRecord(
+        **fields,
         time=none,
         measured=none,
         predicted=none,
@@ -151,13 +130,8 @@ def _record(entry: Document) -> FittedRecord:
         prescribed=measurement.prescribed_display,
         words=words,
     )
-
-
-def _with_samples(record: FittedRecord, file: Path, outliers: Float[np.ndarray, " k"]) -> FittedRecord:
-    """A record with the samples of its `file`; `outliers` are times [s].
-
-    **Raises:** `InputError` where the file is not the one that belongs to the record.
-    """
+    if not file.exists():
+        return record
     scale, unit = record.display.scale, record.display.unit
     wanted = ["time_s", *(f"{name}_{unit}" for name in COMPARED)]
     try:
@@ -181,20 +155,18 @@ def _with_samples(record: FittedRecord, file: Path, outliers: Float[np.ndarray, 
         predicted=predicted / scale,
         motion=None if motion is None else motion / record.prescribed.scale,
         voltage=columns.get(VOLTAGE),
-        outliers=np.array([np.argmin(np.abs(time - at)) for at in outliers], int),
+        outliers=np.array([np.argmin(np.abs(time - at)) for at in _numbers(entry.get("outliers", ()))], int),
     )
 
 
-def _draws(entry: Document | None, file: Path) -> Draws | None:
-    if entry is None:
-        return None
+def _draws(entry: Document, file: Path) -> Draws:
     names, shape = tuple(entry["names"]), (entry["chains"], entry["draws"])
     try:
         found, values = read_draws(file, entry["kind"])
         values = values[:, [found.index(name) for name in names]].reshape(*shape, len(names))
     except (InputError, ValueError):
         values = np.zeros((*shape, 0))
-    parameters = tuple(_read(ParameterDraws, {"path": path, **told}) for path, told in entry["parameters"].items())
+    parameters = tuple(_read(ParameterDraws, {"path": path, **drawn}) for path, drawn in entry["parameters"].items())
     keys = "kind description failed failure seed".split()
     return Draws(names=names, values=values, parameters=parameters, **{key: entry[key] for key in keys})
 
@@ -203,13 +175,11 @@ _MOST_BYTES = 2_000_000
 """Largest size of the pictures on a page: as text they are a third larger, and mail refuses more than 3 MB."""
 
 
-_OWN = "comparison.html", "plan.html"
-"""Pages that commands write themselves, since they know more than their files say."""
-
-
 def own_page(folder: Path) -> Path | None:
     """The page that the command wrote into its `folder` of results; None where it wrote none."""
-    return next((folder / name for name in _OWN if (folder / name).is_file()), None)
+    # These commands know more than their files say.
+    names = ("comparison.html", "plan.html")
+    return next((folder / name for name in names if (folder / name).is_file()), None)
 
 
 def read_page(folder: Path) -> Page:
@@ -229,7 +199,14 @@ def read_page(folder: Path) -> Page:
             f"{folder}: found no estimate.json, no text and no picture; expected a folder that a command of pdssjax "
             "wrote."
         )
-    figures, left = _illustrations(pictures)
+    figures, left, room = list[Illustration](), list[str](), _MOST_BYTES
+    for file in pictures:
+        content = file.read_bytes()
+        if len(content) > room:
+            left.append(file.name)
+            continue
+        room -= len(content)
+        figures.append(Illustration(content, f"{file.stem.replace('_', ' ')}."))
     text = [f"Left out, since the page would become too large to send: {', '.join(left)}."] if left else []
     shown = [Section("Figures", text, figures=figures)] if pictures else []
     return Page(_title(folder), [*texts, *shown], subtitle=f"Results in the folder {folder.resolve().name}")
@@ -255,16 +232,3 @@ def _title(folder: Path) -> str:
         if isinstance(title, str) and title:
             return title
     return folder.resolve().name
-
-
-def _illustrations(pictures: list[Path]) -> tuple[list[Illustration], list[str]]:
-    """Pictures up to the size of a page, and the names of those beyond it."""
-    shown, left, room = [], [], _MOST_BYTES
-    for file in pictures:
-        content = file.read_bytes()
-        if len(content) > room:
-            left.append(file.name)
-            continue
-        room -= len(content)
-        shown.append(Illustration(content, f"{file.stem.replace('_', ' ')}."))
-    return shown, left

@@ -46,7 +46,8 @@ def with_estimate(study: Study, file: Path) -> Study:
     document = read_estimate(file)
     doubt = _doubt(document)
     if doubt:
-        warnings.warn(f"{file}: the fit {_DOUBTS[doubt]}; its numbers are used all the same.", InputWarning, 2)
+        what = "did not converge" if doubt == "not converged" else "does not explain its records"
+        warnings.warn(f"{file}: the fit {what}; its numbers are used all the same.", InputWarning, 2)
     return study.with_values(_values(document, study, file), _source(file, doubt), of_estimate=True)
 
 
@@ -56,8 +57,8 @@ def starting_at_estimate(study: Study, file: Path) -> Study:
     **Raises:** `InputError` as `with_estimate` does.
     """
     document = read_estimate(file)
-    told = {path: number for path, number in _values(document, study, file).items() if path in study.parameters}
-    return study.with_starts(told, _source(file, _doubt(document)))
+    numbers = {path: number for path, number in _values(document, study, file).items() if path in study.parameters}
+    return study.with_starts(numbers, _source(file, _doubt(document)))
 
 
 def _source(file: Path, doubt: str) -> str:
@@ -70,13 +71,17 @@ def _values(document: Document, study: Study, file: Path) -> dict[str, float]:
     table, legal = Table(document, str(file)), study.legal()
     if "actuator" in document:  # older versions wrote none
         study.models.check_same(table.table("actuator", 'a table such as { "friction": "lugre" }').entries, str(file))
-    parameters = table.table("parameters", "a table of parameters")
+    parameters, numbers = table.table("parameters", "a table of parameters"), {}
     for path in parameters.entries:
         if path not in legal:
             raise InputError(
                 f'{file}: found the parameter "{path}", which {study.path} has not; {nearest(path, legal)}'
             )
-    return {path: _value(parameters, path, legal[path].unit) for path in parameters.entries}
+        entry, unit = parameters.table(path, 'a table such as { "value": 0.1 }'), legal[path].unit
+        if entry.entries.get("unit", unit) != unit:
+            raise InputError(f'{entry.at("unit")}: found {json.dumps(entry.entries["unit"])}, expected "{unit}".')
+        numbers[path] = entry.number("value", unit)
+    return numbers
 
 
 def read_estimate(file: Path) -> Document:
@@ -98,23 +103,8 @@ def read_estimate(file: Path) -> Document:
     return document
 
 
-_DOUBTS = {
-    "not converged": "did not converge",
-    "unexplained": "does not explain its records",
-}
-"""Sentences on doubtful fits, by the doubt."""
-
-
-def _value(parameters: Table, path: str, unit: str) -> float:
-    """The value of a parameter [SI]; **raises** `InputError` where it is no number, or told in another `unit`."""
-    entry = parameters.table(path, 'a table such as { "value": 0.1 }')
-    if entry.entries.get("unit", unit) != unit:
-        raise InputError(f'{entry.at("unit")}: found {json.dumps(entry.entries["unit"])}, expected "{unit}".')
-    return entry.number("value", unit)
-
-
 def _doubt(document: Document) -> str:
-    """The doubt about the fit, a key of `_DOUBTS`; "" for none."""
+    """The doubt about the fit in words; "" for none."""
     if document.get("converged") is False:
         return "not converged"
     return "unexplained" if document.get("explained") is False else ""
@@ -129,7 +119,15 @@ def read_covariance(file: Path) -> KnownParameters:
     """
     document = read_estimate(file)
     try:
-        names, covariance, errors = _trusted_covariance(document)
+        names, matrix, errors = document["covariance"]["names"], document["covariance"]["matrix"], "standard"
+        advised, by_model = document.get("error_advice"), document.get("covariances", {})
+        if advised is not None and advised["model"] in by_model:
+            errors = advised["model"]
+            # `covariance` is the white one, but for rounding: sweeps begun with it are those that are resumed.
+            if errors != "white":
+                names, matrix = by_model["names"], by_model[errors]
+        covariance = np.array([[np.nan if entry is None else entry for entry in row] for row in matrix], float)
+        covariance = covariance.reshape(len(names), len(names))
         known = np.flatnonzero(np.isfinite(np.diag(covariance))) if names else np.zeros(0, int)
         found = KnownParameters(tuple(names[i] for i in known), covariance[np.ix_(known, known)], errors)
     except (KeyError, IndexError, TypeError, ValueError, OverflowError):
@@ -142,28 +140,10 @@ def read_covariance(file: Path) -> KnownParameters:
     return found
 
 
-def _trusted_covariance(document: Document) -> tuple[list[str], Float[np.ndarray, "p p"], str]:
-    """Names and covariance by the error model to believe, and that model; NaN where the records determine nothing."""
-    names, matrix, errors = document["covariance"]["names"], document["covariance"]["matrix"], "standard"
-    advised, by_model = document.get("error_advice"), document.get("covariances", {})
-    if advised is not None and advised["model"] in by_model:
-        errors = advised["model"]
-        # `covariance` is the white one, but for rounding: sweeps begun with it are those that are resumed.
-        if errors != "white":
-            names, matrix = by_model["names"], by_model[errors]
-    covariance = np.array([[np.nan if entry is None else entry for entry in row] for row in matrix], float)
-    return names, covariance.reshape(len(names), len(names)), errors
-
-
 def estimate_text(estimate: Estimate) -> str:
-    """The content of `estimate.json` as text."""
-    return json_text(estimate_document(estimate))
-
-
-def estimate_document(estimate: Estimate) -> Document:
-    """The content of `estimate.json`, in SI."""
+    """The content of `estimate.json`, in SI, as text."""
     plain = lambda names: {name: _plain_data(getattr(estimate, name)) for name in names.split()}
-    return {
+    document = {
         "format": FORMAT,
         **plain("title actuator method loss effort solver minimiser converged explained unexplained_by message"),
         "parameters": {path: _parameter_document(p, estimate.method) for path, p in estimate.parameters.items()},
@@ -171,11 +151,12 @@ def estimate_document(estimate: Estimate) -> Document:
         "covariance": {"names": estimate.names, "matrix": estimate.covariance},
         "covariances": {"names": estimate.names, **estimate.covariances},
         **plain("error_advice amplification diagnosis profiles multistart"),
-        "draws": _draws_document(estimate.draws),
+        "draws": None if estimate.draws is None else _draws_document(estimate.draws),
         "records": [_record_document(record) for record in estimate.records],
         **plain("statistics notes seconds provenance"),
         **({} if estimate.check is None else plain("check")),
     }
+    return json_text(document)
 
 
 def _plain_data(value: Plain) -> Plain:
@@ -190,25 +171,23 @@ def _plain_data(value: Plain) -> Plain:
 
 
 def _parameter_document(parameter: FittedParameter, method: str) -> Document:
-    told: Document = _plain_data(parameter) | {"interval_at_bound": parameter.interval_at_bound}
-    told["informed"], told["interval_verdicts"] = told.pop("identifiable"), told.pop("verdicts")
-    left_out = {"path"} | {key for key in ("interval_verdicts", "measured_apart", "errors") if not told[key]}
+    document: Document = _plain_data(parameter) | {"interval_at_bound": parameter.interval_at_bound}
+    document["informed"], document["interval_verdicts"] = document.pop("identifiable"), document.pop("verdicts")
+    left_out = {"path"} | {key for key in ("interval_verdicts", "measured_apart", "errors") if not document[key]}
     if method == "joint":
         left_out |= {"naive_standard_error"}
-    return {key: value for key, value in told.items() if key not in left_out}
+    return {key: value for key, value in document.items() if key not in left_out}
 
 
 def _record_document(record: FittedRecord) -> Document:
     keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures largest_error "
     keys += "noise_estimated noise_floor chi2 reduced_chi2 frequency excitation file"
-    told: Document = {key: getattr(record, key) for key in keys.split()} | record.words
-    return told | {"outliers": record.time[record.outliers], "lack_of_fit": _plain_data(record.lack_of_fit)}
+    document: Document = {key: getattr(record, key) for key in keys.split()} | record.words
+    return document | {"outliers": record.time[record.outliers], "lack_of_fit": _plain_data(record.lack_of_fit)}
 
 
-def _draws_document(draws: Draws | None) -> Document | None:
+def _draws_document(draws: Draws) -> Document:
     """The summary of the draws; the draws themselves are in a file of their own."""
-    if draws is None:
-        return None
     chains, each, _ = draws.values.shape
     keys = "kind description names failed failure seed".split()
     document = {key: getattr(draws, key) for key in keys} | {"chains": chains, "draws": each}
@@ -217,37 +196,21 @@ def _draws_document(draws: Draws | None) -> Document | None:
 
 def write_estimate(estimate: Estimate, folder: Path) -> None:
     """Put `estimate.json`, `report.txt`, plots and predictions into `folder`, in place of older ones."""
-    from ..report.figures import (
-        amplification_figure,
-        correlation_figure,
-        draws_figure,
-        error_figure,
-        multistart_figure,
-        profile_figure,
-        residual_split_figure,
-        save_figure,
-    )
+    from ..report.figures import parameter_figures, residual_split_figure, save_figure
 
     with staging_folder(folder) as staging:
         _write_essentials(estimate, staging)
         write_records(estimate.records, staging)
-        if len(estimate.names) > 1:
-            save_figure(correlation_figure(estimate), staging / "plots" / "correlations.png")
-        save_figure(error_figure(estimate), staging / "plots" / "standard_errors.png")
         if estimate.draws is not None:
             units = {path: parameter.unit for path, parameter in estimate.parameters.items()}
             write_draws(estimate.draws, units, staging)
-            save_figure(draws_figure(estimate), staging / "plots" / "draws.png")
-        if estimate.multistart is not None:
-            save_figure(multistart_figure(estimate.multistart), staging / "plots" / "multistart.png")
-        if estimate.profiles:
-            save_figure(profile_figure(estimate.profiles, estimate.parameters), staging / "plots" / "profiles.png")
-        if estimate.amplification is not None:
-            save_figure(amplification_figure(estimate.amplification), staging / "plots" / "amplification.png")
-        (staging / "plots" / "residuals").mkdir()
+        plots, names = staging / "plots", {"errors": "standard_errors", "starts": "multistart"}
+        for name, draw in parameter_figures(estimate).items():
+            save_figure(draw(), plots / f"{names.get(name, name)}.png")
+        (plots / "residuals").mkdir()
         for stem, record in zip(file_stems(record.name for record in estimate.records), estimate.records, strict=True):
             if record.role == "fit" and record.simulated:
-                save_figure(residual_split_figure(record), staging / "plots" / "residuals" / f"{stem}.png")
+                save_figure(residual_split_figure(record), plots / "residuals" / f"{stem}.png")
 
 
 def write_essentials(estimate: Estimate, folder: Path) -> None:

@@ -23,14 +23,8 @@ LOCK = ".pdssjax.lock"
 UNFINISHED = ".unfinished-"
 """How the names begin of what is written beside its place and then renamed."""
 
-_TRIES = 100
-"""How often a lock file that was removed while it was opened is made anew."""
-
 _BUSY = {errno.EAGAIN, errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK, getattr(errno, "EDEADLOCK", errno.EDEADLK)}
 """Numbers of the errors that say that another process holds a lock."""
-
-_BEYOND = 1 << 20
-"""Where in its file the byte lies that Windows locks: beyond the text, which others read."""
 
 
 @dataclasses.dataclass
@@ -56,17 +50,13 @@ def is_leftover(name: str) -> bool:
     return name == LOCK or name.startswith(UNFINISHED)
 
 
-@contextlib.contextmanager
-def folder_lock(folder: Path) -> Iterator[None]:
+def folder_lock(folder: Path) -> contextlib.AbstractContextManager[None]:
     """Keep other processes out of the `folder`, which is made if it is missing.
 
     What a killed process has left unfinished in it is removed.  A folder that was made for the lock and is empty at
     the end is removed, too.
-
-    **Raises:** `InputError` where another process has it.
     """
-    with file_lock(folder / LOCK, folder, UNFINISHED):
-        yield
+    return file_lock(folder / LOCK, folder, UNFINISHED)
 
 
 @contextlib.contextmanager
@@ -126,7 +116,7 @@ def _acquire(place: Path, about: Path, unfinished: str) -> _Held:
     """The lock, taken."""
     made = [folder for folder in place.parents if not folder.exists()]
     try:
-        for _ in range(_TRIES):
+        for _ in range(100):  # it may be removed whenever it was just opened
             place.parent.mkdir(parents=True, exist_ok=True)
             with contextlib.suppress(FileNotFoundError):  # whoever had the folder has just removed it
                 descriptor = _open_file(place)
@@ -139,16 +129,17 @@ def _acquire(place: Path, about: Path, unfinished: str) -> _Held:
                         raise
                     raise InputError(_busy(about, holder)) from None
                 if _is_file_of(descriptor, place):
-                    _sign(descriptor)
+                    with contextlib.suppress(OSError):  # who holds it is for messages of others only
+                        os.ftruncate(descriptor, 0)
+                        os.write(descriptor, f"{os.getpid()}\n".encode())
                     _remove_unfinished(place, unfinished)
                     return _Held(descriptor, made)
                 os.close(descriptor)
         raise InputError(_busy(about, ""))
     except OSError as error:
-        told = (
-            f"{about}: cannot be locked ({error.strerror or error}); see that no other program writes to it meanwhile."
-        )
-        warnings.warn(told, InputWarning, stacklevel=5)
+        reason = error.strerror or error
+        message = f"{about}: cannot be locked ({reason}); see that no other program writes to it meanwhile."
+        warnings.warn(message, InputWarning, stacklevel=5)
         return _Held(None, made)
 
 
@@ -172,7 +163,7 @@ def _lock(descriptor: int) -> None:
     if sys.platform == "win32":
         import msvcrt
 
-        os.lseek(descriptor, _BEYOND, os.SEEK_SET)
+        os.lseek(descriptor, 1 << 20, os.SEEK_SET)  # a byte beyond the text, which others read
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         finally:
@@ -181,13 +172,6 @@ def _lock(descriptor: int) -> None:
         import fcntl
 
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def _sign(descriptor: int) -> None:
-    """Write which process has the lock, for messages of others."""
-    with contextlib.suppress(OSError):
-        os.ftruncate(descriptor, 0)
-        os.write(descriptor, f"{os.getpid()}\n".encode())
 
 
 def _is_file_of(descriptor: int, place: Path) -> bool:

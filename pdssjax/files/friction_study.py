@@ -12,14 +12,6 @@ from .channel_roles import Hints, Roles, friction_roles
 from .new_study import distinct_names, head_lines, put_study, record_lines, scale_lines
 from .record_columns import read_columns
 
-_LAWS = {"displacement": "dahl", "velocity": "stribeck"}
-"""The law of a new study, by the motion that its records have."""
-
-_WHY = {
-    "displacement": "the simplest one that shows presliding; pdssjax models lists others",
-    "velocity": "a curve against the velocity alone; pdssjax models lists others",
-}
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FrictionFile:
@@ -87,31 +79,27 @@ def write_friction_study(files: Sequence[FrictionFile], folder: Path, title: str
 
 def friction_study_text(names: Sequence[str], files: Sequence[FrictionFile], folder: Path, title: str) -> str:
     """The study file of some `files` of one kind, as it stands in `folder`; every guess has a comment that says so."""
-    quantity = files[0].quantity
-    law = _LAWS[quantity]
+    is_curve = files[0].quantity == "velocity"
+    if is_curve:
+        measures, keys = "steady-friction", {"velocity": "velocity", "force": "force"}
+        law, why = "stribeck", "a curve against the velocity alone"
+    else:
+        measures, keys = "friction", {"time": "time", "displacement": "motion", "force": "force"}
+        law, why = "dahl", "the simplest one that shows presliding"
     needed = [field for field, declared in quantities(member("friction", law)).items() if not declared.optional]
     lines = [
         *head_lines(title),
         'piezo = "static"  # no record shows it, and none of its parameters is needed',
-        f'friction = "{law}"  # guess: {_WHY[quantity]}',
+        f'friction = "{law}"  # guess: {why}; pdssjax models lists others',
         "",
         "[parameters]",
         *(f'"friction.{field}" = {{}}' for field in needed),
     ]
     for name, file in zip(names, files, strict=True):
-        lines += ["", *_record(name, file, folder)]
+        lines += ["", *record_lines(name, file.roles, folder, keys)]
+        given = file.roles.layout.scales.get("force")
+        lines += scale_lines(given, file.turned, "the force is counted against the motion")
+        lines.append(f'measures = "{measures}"')
+        if is_curve and (np.all(file.motion > 0) or np.all(file.motion < 0)):
+            lines.append("offset = 0  # guess: the sensor's zero is right; in one direction no sample tells it")
     return "\n".join(lines) + "\n"
-
-
-def _record(name: str, file: FrictionFile, folder: Path) -> list[str]:
-    curve = file.quantity == "velocity"
-    keys = {"velocity": "velocity", "force": "force"}
-    if not curve:
-        keys = {"time": "time", "displacement": "motion", "force": "force"}
-    lines = record_lines(name, file.roles, folder, keys)
-    given = file.roles.layout.scales.get("force")
-    lines += scale_lines(given, file.turned, "the force is counted against the motion")
-    lines.append(f'measures = "{"steady-friction" if curve else "friction"}"')
-    if curve and (np.all(file.motion > 0) or np.all(file.motion < 0)):
-        lines.append("offset = 0  # guess: the sensor's zero is right; in one direction no sample tells it")
-    return lines

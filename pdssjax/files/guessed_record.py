@@ -28,9 +28,6 @@ a contact that is seen in aliases would be taken for each other."""
 _NEGLIGIBLE = 0.1
 """Part of a sample's noise below which what the voltage leaves open moves no sample."""
 
-_LARGE_SHARE = 1.0
-"""Part of what a motion's noise leaves open of its extent, from which what the voltage's noise leaves open counts."""
-
 _FLANK = {"step": "drive.rise_time", "sawtooth": "drive.fall_time", "cycloidal": "drive.fall_time"}
 """The parameter that is the duration of the fast flank, by waveform."""
 
@@ -48,10 +45,8 @@ def has_open_flanks(guess: RecordGuess) -> bool:
 
 
 def has_uncertain_voltage(guess: RecordGuess) -> bool:
-    """Whether the noise of the voltage leaves more open of how far a volt moves than that of the motion lets pass."""
-    return gain_of(guess) * guess.waveform.voltage_error > _LARGE_SHARE * guess.motion_noise / math.sqrt(
-        guess.time.size
-    )
+    """Whether the noise of the voltage leaves more open of the motion's extent than the noise of the motion does."""
+    return gain_of(guess) * guess.waveform.voltage_error > guess.motion_noise / math.sqrt(guess.time.size)
 
 
 def condition_of(name: str) -> str:
@@ -86,53 +81,41 @@ def _timing(guess: RecordGuess) -> Timing:
 
 def open_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
     """Lines of a study's parameters for those of the named records that leave something open."""
-    return [*_flank_parameters(named), *_voltage_parameters(named)]
-
-
-def _voltage_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
-    unsure = [(name, guess) for name, guess in named if has_uncertain_voltage(guess)]
-    if not unsure:
-        return []
-    # A sweep, which belongs to no record, takes that of the first walk.
-    first = next((guess for _, guess in unsure if guess.measures == "effector"), unsure[0][1])
-    lines = [f'"drive.voltage" = {{ value = "{numbers_of(first)["voltage"]:.10g} V" }}  # of a record without one']
-    for name, guess in unsure:
-        told = f'"{numbers_of(guess)["voltage"]:.10g} V", standard_error = "{guess.waveform.voltage_error:.3g} V"'
-        path = quoted(f"drive.voltage@{condition_of(name)}")
-        lines.append(f"{path} = {{ value = {told} }}  # by its samples and their noise")
-    return lines
-
-
-def _flank_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
-    open_records = [(name, guess) for name, guess in named if has_open_flanks(guess)]
-    if not open_records:
-        return []
-    lines = ['"sensor.delay" = { value = 0 }']
-    if any(guess.waveform.name == "step" for _, guess in open_records):
+    lines: list[str] = []
+    under = lambda path, name: quoted(f"{path}@{condition_of(name)}")
+    flanks = [(name, guess) for name, guess in named if has_open_flanks(guess)]
+    if flanks:
+        lines.append('"sensor.delay" = { value = 0 }')
+    if any(guess.waveform.name == "step" for _, guess in flanks):
         lines.append('"drive.rise_time" = { value = 0 }')
-    for name, guess in open_records:
-        held = lambda path, name=name: quoted(f"{path}@{condition_of(name)}")
+    for name, guess in flanks:
         flank = _FLANK[guess.waveform.name]
         shortest, longest, within, errors = _timing(guess)
         if errors is None:
-            told = "# as far as the voltage tells"
+            origin = "as far as the voltage tells"
             # The standard deviation of a number that may lie anywhere between bounds.
             duration = _about(0.5 * (shortest + longest), (longest - shortest) / math.sqrt(12.0))
             delay = _about(within, within / math.sqrt(3.0))
         else:
-            told = "# by the samples on the flanks"
+            origin = "by the samples on the flanks"
             duration = _about(guess.waveform.numbers[flank.partition(".")[2]], errors[0])
             delay = _about(within, errors[1])
-        lines += [f"{held(flank)} = {duration}  {told}", f"{held('sensor.delay')} = {delay}  # of the drive's start"]
+        lines.append(f"{under(flank, name)} = {duration}  # {origin}")
+        lines.append(f"{under('sensor.delay', name)} = {delay}  # of the drive's start")
+    unsure = [(name, guess) for name, guess in named if has_uncertain_voltage(guess)]
+    volts = lambda guess: f"{numbers_of(guess)['voltage']:.10g} V"
+    if unsure:
+        # A sweep, which belongs to no record, takes that of the first walk.
+        first = next((guess for _, guess in unsure if guess.measures == "effector"), unsure[0][1])
+        lines.append(f'"drive.voltage" = {{ value = "{volts(first)}" }}  # of a record without one')
+    for name, guess in unsure:
+        value = f'value = "{volts(guess)}", standard_error = "{guess.waveform.voltage_error:.3g} V"'
+        lines.append(f"{under('drive.voltage', name)} = {{ {value} }}  # by its samples and their noise")
     return lines
 
 
 def _about(number: float, error: float) -> str:
     return f'{{ value = "{1e6 * number:.7g} us", standard_error = "{1e6 * error:.3g} us" }}'
-
-
-_MOST_GAPS = 0.05
-"""Part of a record's samples that may be no numbers, and are excluded."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -178,37 +161,32 @@ def guess_file(file: Path, hints: Hints, rig: RigOptions, measures: str = "") ->
     columns.check_numbers()
     if columns.data["time"].size < 16:
         raise InputError(f"{file}: found {columns.data['time'].size} samples, expected a record of 16 at least.")
-    guess = _guess(file, columns, roles.motion, rig, measures)
+    try:
+        guess = guess_record(
+            columns.data["time"],
+            columns.data[roles.motion],
+            columns.data.get("voltage"),
+            velocity=roles.motion == "velocity",
+            measures=measures,
+            peak=rig.peak,
+            frequency=rig.frequency,
+            where=str(file),
+        )
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"{file}: {error}.") from None
     if guess.waveform.name in ("sampled", "sine") and not np.all(np.isfinite(read.data["voltage"])):
         # The samples themselves may be the drive then, and have to be known everywhere.
         read.check_numbers()
     return NewRecord(file.stem, roles, guess, bool(measures), gaps)
 
 
-def _guess(file: Path, columns: Columns, quantity: str, rig: RigOptions, measures: str) -> RecordGuess:
-    data = columns.data
-    try:
-        return guess_record(
-            data["time"],
-            data[quantity],
-            data.get("voltage"),
-            velocity=quantity == "velocity",
-            measures=measures,
-            peak=rig.peak,
-            frequency=rig.frequency,
-            where=str(file),
-        )
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{file}: {error}.") from None
-
-
 def _fill_gaps(columns: Columns, motion: str) -> tuple[Columns, tuple[tuple[float, float], ...]]:
     """The columns with samples that are no numbers filled from beside them, where they are few, and when those were."""
     time = columns.data["time"]
     wrong = ~np.all([np.isfinite(column) for column in columns.data.values()], axis=0)
-    if not wrong.any() or not np.all(np.isfinite(time)) or np.mean(wrong) > _MOST_GAPS:
+    if not wrong.any() or not np.all(np.isfinite(time)) or np.mean(wrong) > 0.05:
         return columns, ()
     known, data = np.flatnonzero(~wrong), dict(columns.data)
     for quantity in set(data) - {"time"}:
@@ -219,7 +197,6 @@ def _fill_gaps(columns: Columns, motion: str) -> tuple[Columns, tuple[tuple[floa
         data[quantity] = np.where(wrong, held if quantity == motion else between, data[quantity])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
     beside = 0.25 * float(np.median(np.diff(time)))
-    gaps = zip(edges[::2], edges[1::2] - 1, strict=True)
-    return dataclasses.replace(columns, data=data), tuple(
-        (float(time[a]) - beside, float(time[b]) + beside) for a, b in gaps
-    )
+    ends = zip(time[edges[::2]], time[edges[1::2] - 1], strict=True)
+    gaps = tuple((float(begin) - beside, float(end) + beside) for begin, end in ends)
+    return dataclasses.replace(columns, data=data), gaps

@@ -26,18 +26,6 @@ from .guessed_record import (
 from .results_folder import check_empty, staging_folder
 from .toml_table import quoted
 
-_JUMP = 0.3
-"""Part of the way of a voltage from one sample to the next that makes a stack ring."""
-
-_HELD = "60 s"
-"""How long a voltage at which a record begins was held before: long beside what creeps in it."""
-
-_HYSTERESIS = 0.01
-"""Root mean square that a line of the voltage leaves of a platform, in parts of its motion, from which it is told."""
-
-_NOISY = 5e-4
-"""Part of a voltage that its noise may be before its samples are smoothed: elements of hysteresis follow the peaks."""
-
 _SLOW_TICKS = 2e-3
 """Interval [s] from which samples do not show how a platform rings."""
 
@@ -56,10 +44,7 @@ def write_study(records: Sequence[NewRecord], rig: RigOptions, folder: Path, tit
 
 
 def put_study(folder: Path, text: str, names: Sequence[str], figures: Iterable[Figure]) -> Path:
-    """Write the `text` of a study into `folder`, with the figure of each record of the `names`; the study's path.
-
-    **Raises:** `InputError` if the folder holds something already, or cannot be written to.
-    """
+    """Write the `text` of a study into `folder`, with the figure of each record of the `names`; the study's path."""
     from ..report.figures import save_figure
 
     check_empty(folder)
@@ -67,8 +52,7 @@ def put_study(folder: Path, text: str, names: Sequence[str], figures: Iterable[F
     with staging_folder(folder, ("check", "study.toml")) as staging:
         (staging / "check").mkdir()
         for name, figure in zip(names, figures, strict=True):
-            stem = re.sub(r"[^\w.-]+", "_", name)
-            save_figure(figure, staging / "check" / f"{stem}.png")
+            save_figure(figure, staging / "check" / (re.sub(r"[^\w.-]+", "_", name) + ".png"))
         (staging / "study.toml").write_text(text, encoding="utf-8")
     return folder / "study.toml"
 
@@ -141,7 +125,8 @@ def toml_value(given: float | str) -> str:
 def study_text(records: Sequence[NewRecord], rig: RigOptions, folder: Path, title: str) -> str:
     """The study file of the `records`, as it stands in `folder`; every guess has a comment that says so."""
     piezo, friction = _choose_models(records)
-    records = [_without_open_numbers(record) if _needs_samples(record.guess, piezo) else record for record in records]
+    by_samples = [_needs_samples(record.guess, piezo) for record in records]
+    records = [_with_samples(record) if needed else record for record, needed in zip(records, by_samples, strict=True)]
     walks = any(record.guess.measures == "effector" for record in records)
     why = _WHY_FRICTION[friction] if walks else "no record shows it, and none of its parameters is needed"
     parts = [
@@ -152,8 +137,8 @@ def study_text(records: Sequence[NewRecord], rig: RigOptions, folder: Path, titl
         "[parameters]",
         *_parameters(records, rig, piezo, friction),
     ]
-    for record in records:
-        parts += ["", *_record(record, folder, _needs_samples(record.guess, piezo))]
+    for record, needed in zip(records, by_samples, strict=True):
+        parts += ["", *_record(record, folder, needed)]
     return "\n".join(parts) + "\n"
 
 
@@ -193,9 +178,8 @@ def _choose_models(records: Sequence[NewRecord]) -> tuple[str, str]:
         and sampling_interval(guess) < _SLOW_TICKS
         for guess in guesses
     )
-    loops = any(
-        guess.hysteresis > _HYSTERESIS for guess in guesses if guess.waveform.name in ("sine", "triangle", "sampled")
-    )
+    # A hundredth of the motion, root mean square, that no line of the voltage explains.
+    loops = any(guess.hysteresis > 0.01 for guess in guesses if guess.waveform.name in ("sine", "triangle", "sampled"))
     slow = ("bouc-wen" if walks else LOOPS) if loops else "second-order" if walks else "static"
     ringing = RINGING_LOOPS if loops and not walks else "second-order"
     piezo = ringing if fast else slow
@@ -204,10 +188,8 @@ def _choose_models(records: Sequence[NewRecord]) -> tuple[str, str]:
 
 
 def _jumps(guess: RecordGuess) -> bool:
-    """Whether the voltage goes a good part of its way from one sample to the next: what follows it rings."""
-    if guess.volts is None:
-        return False
-    return bool(np.max(np.abs(np.diff(guess.volts))) > _JUMP * np.ptp(guess.volts))
+    """Whether the voltage goes 30 % of its way from one sample to the next: what follows it rings."""
+    return guess.volts is not None and bool(np.max(np.abs(np.diff(guess.volts))) > 0.3 * np.ptp(guess.volts))
 
 
 def _parameters(records: Sequence[NewRecord], rig: RigOptions, piezo: str, friction: str) -> list[str]:
@@ -217,52 +199,31 @@ def _parameters(records: Sequence[NewRecord], rig: RigOptions, piezo: str, frict
         why = "  # guess: WEIGH IT; with another, stiffness, damping and force scale alike"
         mass, why = ("100 g", why) if rig.mass is None else (f"{1e3 * rig.mass:.6g} g", "")
         lines.append(f'"effector.mass" = {{ value = "{mass}" }}{why}')
-    if piezo in _PUT_TOGETHER:
-        lines += [f'"piezo.{field}" = {{}}' for field in _PUT_TOGETHER[piezo]]
-    else:
-        lines += _piezo_parameters(piezo)
+    needed = lambda family, name: [f for f, q in quantities(member(family, name)).items() if not q.optional]
+    entries = dict.fromkeys(_PUT_TOGETHER[piezo] if piezo in _PUT_TOGETHER else needed("piezo", piezo), "{}")
+    if piezo == "bouc-wen":
+        why = "  # guess: the records are too slow to show it"
+        entries |= {"natural_frequency": f'{{ value = "1 kHz" }}{why}', "damping_ratio": f'{{ value = "20 %" }}{why}'}
+    lines += [f'"piezo.{field}" = {entry}' for field, entry in entries.items()]
     if walks:
-        lines += [
-            f'"friction.{f}" = {{}}' for f, d in quantities(member("friction", friction)).items() if not d.optional
-        ]
-    opened = open_parameters([(record.name, record.guess) for record in records])
-    if not any(line.startswith('"sensor.delay"') for line in opened):
-        opened += _delay_of_jumps(records)
-    return [*lines, *_fall_time(records, walks), *opened]
-
-
-def _delay_of_jumps(records: Sequence[NewRecord]) -> list[str]:
-    """A delay within which a sampled voltage may have jumped, which the ringing tells; none without jumps."""
-    jumps = (r.guess for r in records if r.guess.waveform.name == "sampled" and _jumps(r.guess))
+        lines += [f'"friction.{field}" = {{}}' for field in needed("friction", friction)]
+    # Every sawtooth needs a fall time that leaves its flanks to the fit, of the platform alone, too.
+    sawteeth = [record.guess for record in records if record.guess.waveform.has_fast_flanks]
+    if walks or any(map(has_open_flanks, sawteeth)):
+        has_own = lambda guess: has_open_flanks(guess) or "fall_time" in guess.waveform.numbers
+        entry = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
+        if sawteeth and all(map(has_own, sawteeth)):
+            entry = "{ value = 0 }  # of a record without one of its own; below each has one"
+        if any(record.guess.volts is None for record in records):
+            entry = '{ start = "1 ms", min = 0, max = "10 ms" }  # guess: no voltage was recorded, so it is fitted'
+        lines.append(f'"drive.fall_time" = {entry}')
+    lines += open_parameters([(record.name, record.guess) for record in records])
+    # Where a sampled voltage jumps the ringing tells when it did.
+    jumps = (record.guess for record in records if record.guess.waveform.name == "sampled" and _jumps(record.guess))
     finest = min(map(sampling_interval, jumps), default=_SLOW_TICKS)
-    if finest >= _SLOW_TICKS:
-        return []
-    ends = f'start = "{0.5e6 * finest:.4g} us", min = 0, max = "{2e6 * finest:.4g} us"'
-    return [f'"sensor.delay" = {{ {ends} }}  # guess: the voltage jumps between two of its samples']
-
-
-def _fall_time(records: Sequence[NewRecord], walks: bool) -> list[str]:
-    """The usual one, which every sawtooth needs that leaves its flanks to the fit, of the platform alone, too."""
-    sawteeth = [r.guess for r in records if r.guess.waveform.has_fast_flanks]
-    if not walks and not any(has_open_flanks(guess) for guess in sawteeth):
-        return []
-    unseen = any(record.guess.volts is None for record in records)
-    fitted = '{ start = "1 ms", min = 0, max = "10 ms" }  # guess: no voltage was recorded, so it is fitted'
-    ideal = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
-    by_record = "{ value = 0 }  # of a record without one of its own; below each has one"
-    each = bool(sawteeth) and all(has_open_flanks(guess) or "fall_time" in guess.waveform.numbers for guess in sawteeth)
-    return [f'"drive.fall_time" = {fitted if unseen else by_record if each else ideal}']
-
-
-def _piezo_parameters(piezo: str) -> list[str]:
-    lines: list[str] = []
-    for field, declared in quantities(member("piezo", piezo)).items():
-        if declared.optional:
-            continue
-        slow = piezo == "bouc-wen" and field in ("natural_frequency", "damping_ratio")
-        given = {"natural_frequency": '{ value = "1 kHz" }', "damping_ratio": '{ value = "20 %" }'}.get(field, "{}")
-        why = "  # guess: the records are too slow to show it" if slow else ""
-        lines.append(f'"piezo.{field}" = {given if slow else "{}"}{why}')
+    if finest < _SLOW_TICKS and not any(line.startswith('"sensor.delay"') for line in lines):
+        ends = f'start = "{0.5e6 * finest:.4g} us", min = 0, max = "{2e6 * finest:.4g} us"'
+        lines.append(f'"sensor.delay" = {{ {ends} }}  # guess: the voltage jumps between two of its samples')
     return lines
 
 
@@ -277,7 +238,7 @@ def _needs_samples(guess: RecordGuess, piezo: str) -> bool:
     return guess.volts is not None and (curved or felt)
 
 
-def _without_open_numbers(record: NewRecord) -> NewRecord:
+def _with_samples(record: NewRecord) -> NewRecord:
     """A record whose samples are its drive: they leave nothing open to the fit."""
     closed = dataclasses.replace(record.guess.waveform, timing=None, voltage_error=0.0)
     return dataclasses.replace(record, guess=dataclasses.replace(record.guess, waveform=closed))
@@ -285,7 +246,9 @@ def _without_open_numbers(record: NewRecord) -> NewRecord:
 
 def _record(record: NewRecord, folder: Path, by_samples: bool) -> list[str]:
     guess, layout = record.guess, record.roles.layout
-    told_by = "" if record.measures_given else f"  # guess: {_WHY_MEASURES[guess.measures]}"
+    follows = "the motion follows the voltage"
+    walks = "the motion walks, or goes another way than the voltage"
+    told_by = "" if record.measures_given else f"  # guess: {follows if guess.measures == 'platform' else walks}"
     motion = record.roles.motion
     lines = record_lines(record.name, record.roles, folder, {q: q for q in ("time", "voltage", motion)})
     lines += scale_lines(layout.scales.get(motion), guess.turned, "the motion goes against the voltage")
@@ -293,7 +256,13 @@ def _record(record: NewRecord, folder: Path, by_samples: bool) -> list[str]:
         lines.append(f'measures = "{guess.measures}"{told_by}')
     else:
         lines += ['measures = "velocity"', f'of = "{guess.measures}"{told_by}']
-    lines.append(f'noise = "{_with_unit(guess, guess.noise)}"  # guess: {_noise_origin(guess)}')
+    with_unit = lambda number: f"{guess.display.scale * number:.3g} {guess.display.unit}"
+    origin = "the scatter of neighbouring samples"
+    if guess.resolution:
+        origin += f"; counted in steps of {with_unit(guess.resolution)}"
+        if guess.noise <= 1.001 * guess.resolution / math.sqrt(12.0):
+            origin = f"that of rounding to steps of {with_unit(guess.resolution)}, beside which no noise is seen"
+    lines.append(f'noise = "{with_unit(guess.noise)}"  # guess: {origin}')
     early = "early" if guess.waveform.name == "sampled" and guess.waveform.begins == "seen" else guess.waveform.begins
     start, why = guess.start, _WHY_START[early]
     if has_open_flanks(guess):
@@ -311,31 +280,28 @@ def _record(record: NewRecord, folder: Path, by_samples: bool) -> list[str]:
     held = by_samples and guess.waveform.begins == "seen" and guess.waveform.counted_from != 0
     if held or guess.waveform.begins == "held":
         start, why = float(guess.time[0]), _WHY_START["held"]
-        lines.append(f'conditioning = "{_HELD}"  # guess: so long the first voltage was held before')
+        # Long beside what creeps in a record.
+        lines.append('conditioning = "60 s"  # guess: so long the first voltage was held before')
     lines += [f'start = "{start:.12g} s"  # guess: {why}'] * (start != 0)
-    return [*lines, *(_samples_of_waveform(record) if by_samples else _drive(record))]
+    return [*lines, _samples_of_waveform(record) if by_samples else _drive(record)]
 
 
-def _samples_of_waveform(record: NewRecord) -> list[str]:
+def _samples_of_waveform(record: NewRecord) -> str:
     """The samples of a voltage, as the drive, with what is known of it."""
     wave = record.guess.waveform
     volts, hertz = wave.numbers["voltage"], wave.numbers.get("frequency")
-    smooth = "" if hertz is None or wave.misfit <= _NOISY else f', smooth = "{1e3 / (100.0 * hertz):.4g} ms"'
+    # Elements of hysteresis follow the peaks of the noise.
+    smooth = "" if hertz is None or wave.misfit <= 5e-4 else f', smooth = "{1e3 / (100.0 * hertz):.4g} ms"'
     of = f"{volts:.10g} V" + ("" if hertz is None else f" and {hertz:.10g} Hz") + _from_level(wave.counted_from)
-    told = f"a {wave.name} of {of} leaves {100 * max(wave.misfit, 1e-4):.2g} % of them"
+    misfit = f"a {wave.name} of {of} leaves {100 * max(wave.misfit, 1e-4):.2g} % of them"
     why = "hysteresis under them is quicker to compute" if wave.name == "sine" else "hysteresis feels that level"
-    return [f"{drive_of_samples(record, smooth)}  # guess: {told}; {why}"]
+    return f"{drive_of_samples(record, smooth)}  # guess: {misfit}; {why}"
 
 
 def _from_level(level: float) -> str:
     """The level that a waveform's voltage is counted from, where that is not 0 V."""
     return f", counted from {level:.5g} V" if level else ""
 
-
-_WHY_MEASURES = {
-    "platform": "the motion follows the voltage",
-    "effector": "the motion walks, or goes another way than the voltage",
-}
 
 _WHY_START = {
     "seen": "the voltage leaves its rest there",
@@ -347,22 +313,10 @@ _WHY_START = {
 }
 
 
-def _noise_origin(guess: RecordGuess) -> str:
-    counted = f"; counted in steps of {_with_unit(guess, guess.resolution)}" if guess.resolution else ""
-    if guess.resolution and guess.noise <= 1.001 * guess.resolution / math.sqrt(12.0):
-        return f"that of rounding to steps of {_with_unit(guess, guess.resolution)}, beside which no noise is seen"
-    return f"the scatter of neighbouring samples{counted}"
-
-
-def _with_unit(guess: RecordGuess, number: float) -> str:
-    """A `number` of what was measured, with its unit."""
-    return f"{guess.display.scale * number:.3g} {guess.display.unit}"
-
-
-def _drive(record: NewRecord) -> list[str]:
+def _drive(record: NewRecord) -> str:
     wave = record.guess.waveform
     if wave.name == "sampled":
-        return [f"{drive_of_samples(record)}  # guess: no waveform explains it, so its samples are the drive"]
+        return f"{drive_of_samples(record)}  # guess: no waveform explains it, so its samples are the drive"
     units = {"voltage": "V", "bias": "V", "phase": "rad", "frequency": "Hz", "fall_time": "s", "rise_time": "s"}
     keys = [f'waveform = "{wave.name}"'] + [f'direction = "{wave.direction}"'] * bool(wave.direction)
     keys += ['told_by = "slope"'] * (has_open_flanks(record.guess) and wave.name == "sawtooth")
@@ -370,15 +324,12 @@ def _drive(record: NewRecord) -> list[str]:
         if field == "voltage" and has_uncertain_voltage(record.guess):
             continue
         keys.append(f'{field} = "{number:.10g} {units[field]}"' if field in units else f"{field} = {number:.6g}")
-    left = (
-        f"it leaves {100 * max(wave.misfit, 1e-4):.2g} % of the voltage"
-        if record.guess.volts is not None
-        else "by the slips"
-    )
+    recorded = record.guess.volts is not None
+    left = f"it leaves {100 * max(wave.misfit, 1e-4):.2g} % of the voltage" if recorded else "by the slips"
     bounds = "".join(f"; {bound}" for bound in wave.uncertain)
     level = _from_level(wave.counted_from)
     linear = f"{level}, which a stack without hysteresis does not feel" if level else ""
-    return [f"drive = {{ {', '.join(keys)} }}  # guess: {left}{linear}{bounds}"]
+    return f"drive = {{ {', '.join(keys)} }}  # guess: {left}{linear}{bounds}"
 
 
 def drive_of_samples(record: NewRecord, further: str = "") -> str:

@@ -11,27 +11,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ..core import InputError, InputWarning, Quantity, check_range, nearest, unit_given
-from ..study import (
-    MARK,
-    Constraint,
-    Parameter,
-    Record,
-    Study,
-    bounded_by_constraints,
-    chained,
-    split_path,
-)
+from ..study import MARK, Constraint, Parameter, Record, Study, bounded_by_constraints, chained, split_path
 from .toml_table import Table
-
-_MANY = "_*"
-"""Ending of a path that stands for all parameters that differ by a number."""
 
 
 def read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
-    """The parameters that the table `top` of a study file lists, by path, in its order; `study` lacks them still.
-
-    **Raises:** `InputError` if one is missing, unknown or illegal.
-    """
+    """The parameters that the table `top` of a study file lists, by path, in its order; `study` lacks them still."""
     legal = study.legal()
     table = _expanded(top.table("parameters", "a table of parameters"), legal)
     for path in table.entries:
@@ -44,17 +29,11 @@ def read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
             _check_condition(table, base, condition, study.records)
     for path in _required(study, legal, table.entries):
         if path not in table.entries:
-            raise InputError(
-                f'{table.where}: the parameter "{path}" is missing, '
-                f"expected it fixed as in {{ value = ... }} or free as in {{}}."
-            )
+            expected = "expected it fixed as in { value = ... } or free as in {}"
+            raise InputError(f'{table.where}: the parameter "{path}" is missing, {expected}.')
     expected = "a table such as { start = ... }, { value = ... } or {}"
-    return {
-        path: _read_parameter(
-            path, dataclasses.replace(table.table(path, expected), where=table.at(path)), legal[split_path(path)[0]]
-        )
-        for path in table.entries
-    }
+    entries = {path: Table(table.table(path, expected).entries, table.at(path)) for path in table.entries}
+    return {path: _read_parameter(path, entry, legal[split_path(path)[0]]) for path, entry in entries.items()}
 
 
 def _required(study: Study, legal: dict[str, Quantity], listed: Iterable[str]) -> list[str]:
@@ -75,7 +54,7 @@ def _expanded(table: Table, legal: Iterable[str]) -> Table:
     entries: dict[str, Any] = {}
     for path, entry in table.entries.items():
         base, mark, condition = path.partition(MARK)
-        if not base.endswith(_MANY):
+        if not base.endswith("_*"):
             entries[path] = entry
             continue
         numbered_paths = re.compile(re.escape(base.removesuffix("*")) + r"\d+")
@@ -90,8 +69,8 @@ def _check_condition(table: Table, base: str, condition: str, records: Sequence[
     """A parameter that holds under a condition needs records with and its usual number without that."""
     where, known = f'{table.where}: "{base}{MARK}{condition}"', sorted({c for r in records for c in r.conditions})
     if condition not in known:
-        told = nearest(condition, known) if known else 'no record has any, as in conditions = ["wet"].'
-        raise InputError(f'{where}: found the condition "{condition}" that no record has; {told}')
+        hint = nearest(condition, known) if known else 'no record has any, as in conditions = ["wet"].'
+        raise InputError(f'{where}: found the condition "{condition}" that no record has; {hint}')
     if base not in table.entries:
         raise InputError(
             f'{where}: the parameter "{base}" is missing, expected it, too, for records without the condition.'
@@ -110,35 +89,22 @@ def _read_parameter(path: str, table: Table, quantity: Quantity) -> Parameter:
 
     A value with a standard error was measured apart: the parameter is free, and the fit takes that for one more
     measurement of it.
-
-    **Raises:** `InputError` if a number is outside the quantity's legal range, the start
-    outside its bounds, the bounds crossed, or a value given together with a start, or with bounds and no error.
     """
     table.only(["value", "start", "min", "max", "standard_error"])
-    measured_apart, key = "standard_error" in table.entries, "start"
-    if measured_apart:
-        key = "value"
-        if "value" not in table.entries or "start" in table.entries:
-            raise InputError(
-                f'{table.where}: found "standard_error", expected it beside the "value" that was measured.'
-            )
-    elif "value" in table.entries:
-        extra = next((key for key in table.entries if key != "value"), None)
-        if extra:
+    given, error = table.entries, table.number("standard_error", quantity.unit, None)
+    if "value" in given and error is None:
+        if extra := next((key for key in given if key != "value"), None):
             raise InputError(f'{table.where}: found "value" together with "{extra}", expected one or the other.')
         return Parameter(path, quantity.unit, quantity, value=table.quantity("value", quantity))
-    start = table.quantity(key, quantity) if key in table.entries else None
+    if error is not None and ("value" not in given or "start" in given):
+        raise InputError(f'{table.where}: found "standard_error", expected it beside the "value" that was measured.')
+    if error is not None and not 0 < error < math.inf:
+        raise InputError(f"{table.at('standard_error')}: found {error} {quantity.unit}, expected a number above 0.")
+    key = "start" if error is None else "value"
+    start = table.quantity(key, quantity) if key in given else None
     low, high = _bound(table, "min", quantity, quantity.low), _bound(table, "max", quantity, quantity.high)
     _check_order(table, key, quantity, start, low, high)
-    error = _standard_error(table, quantity) if measured_apart else None
     return Parameter(path, quantity.unit, quantity, start=start, low=low, high=high, standard_error=error)
-
-
-def _standard_error(table: Table, quantity: Quantity) -> float:
-    error = table.number("standard_error", quantity.unit, None)
-    if error is None or not 0 < error < math.inf:
-        raise InputError(f"{table.at('standard_error')}: found {error} {quantity.unit}, expected a number above 0.")
-    return error
 
 
 def _bound(table: Table, key: str, quantity: Quantity, end: float) -> float | None:
@@ -168,8 +134,6 @@ _NUMBER = r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
 
 _SIDE = rf"(?:({_NUMBER})\s*\*\s*)?(\S.*?)"
 
-_INEQUALITY = re.compile(rf"\s*{_SIDE}\s*(>=|<=)\s*{_SIDE}\s*")
-
 CONSTRAINT_EXAMPLE = "friction.f_s >= 1.1 * friction.f_c"
 """How a study writes a constraint."""
 
@@ -178,9 +142,6 @@ def read_constraints(top: Table, parameters: Mapping[str, Parameter]) -> tuple[C
     """The constraints between the `parameters` that the table `top` of a study file lists.
 
     Warns with `InputWarning` where starts break one.
-
-    **Raises:** `InputError` for what is no inequality between two parameters of the same unit, and for constraints that
-    cannot be kept.
     """
     table = top.table("constraints", f'a table of texts such as "{CONSTRAINT_EXAMPLE}"', {})
     found = tuple(_read_constraint(table, name, parameters) for name in table.entries)
@@ -190,9 +151,9 @@ def read_constraints(top: Table, parameters: Mapping[str, Parameter]) -> tuple[C
         greater, lesser = parameters[constraint.greater], parameters[constraint.lesser]
         if greater.number is None or lesser.number is None or constraint.holds(greater.number, lesser.number):
             continue
-        told = f"{greater.path} at {greater.number:g} and {lesser.path} at {lesser.number:g} {lesser.unit}".rstrip()
+        at = f"{greater.path} at {greater.number:g} and {lesser.path} at {lesser.number:g} {lesser.unit}".rstrip()
         warnings.warn(
-            f"{table.at(constraint.name)}: found starts beyond {constraint.text} ({told}); the fit begins with both as "
+            f"{table.at(constraint.name)}: found starts beyond {constraint.text} ({at}); the fit begins with both as "
             "the constraint just allows.",
             InputWarning,
             stacklevel=4,
@@ -203,21 +164,21 @@ def read_constraints(top: Table, parameters: Mapping[str, Parameter]) -> tuple[C
 def _read_constraint(table: Table, name: str, parameters: Mapping[str, Parameter]) -> Constraint:
     expected = f'an inequality between two parameters such as "{CONSTRAINT_EXAMPLE}"'
     text = table.text(name, expected)
-    read = _INEQUALITY.fullmatch(text)
+    read = re.fullmatch(rf"\s*{_SIDE}\s*(>=|<=)\s*{_SIDE}\s*", text)
     if read is None:
         raise InputError(f'{table.at(name)}: found "{text}", expected {expected}.')
     first, sign, second = (read[1], read[2]), read[3], (read[4], read[5])
     for _, path in (first, second):
         if re.fullmatch(rf"[+-]?(?:{_NUMBER})\b.*", path):
-            told = 'a number is a bound: "min" or "max" of the parameter'
-            raise InputError(f'{table.at(name)}: found "{text}", expected {expected}; {told}.')
+            detail = 'a number is a bound: "min" or "max" of the parameter'
+            raise InputError(f'{table.at(name)}: found "{text}", expected {expected}; {detail}.')
         if path not in parameters:
             raise InputError(f'{table.at(name)}: found the unknown parameter "{path}"; {nearest(path, parameters)}')
     (more, greater), (less, lesser) = (first, second) if sign == ">=" else (second, first)
     units = [parameters[path].unit for path in (greater, lesser)]
     if units[0] != units[1]:
-        told = " and ".join(f"{path} in {unit or '1'}" for path, unit in zip((greater, lesser), units, strict=True))
-        raise InputError(f"{table.at(name)}: found {told}, expected two parameters of the same unit.")
+        detail = " and ".join(f"{path} in {unit or '1'}" for path, unit in zip((greater, lesser), units, strict=True))
+        raise InputError(f"{table.at(name)}: found {detail}, expected two parameters of the same unit.")
     factor = float(less or 1.0) / (float(more or 1.0) or math.nan)
     if not 0.0 < factor < math.inf:
         raise InputError(f'{table.at(name)}: found "{text}", expected factors above 0.')

@@ -18,7 +18,7 @@ from ..report.text import format_design
 from ..study import Study
 from .estimate_results import read_estimate, write_estimate
 from .json_text import json_text
-from .record_results import file_stems, write_csv
+from .record_results import file_stems, write_columns, write_csv
 from .results_folder import staging_folder, write_text
 from .study_copy import move_files
 
@@ -27,9 +27,6 @@ MEASURED = "measured"
 
 REHEARSAL, IDENTIFIED = "rehearsal", "identified"
 """Folder of what the virtual rig made of a plan, and of what was identified there."""
-
-_POINTS = 20_000
-"""Lines of a drive file at most."""
 
 TomlTable: TypeAlias = Any
 """A table of tomlkit, which keeps comments and order."""
@@ -67,31 +64,29 @@ def plan_study(plan: Plan, source: Path, design: Document, folder: Path, *, toge
     except OSError as error:
         raise InputError(f"{source}: cannot be read ({error.strerror}), expected the study of the plan.") from None
     document["title"] = f"{plan.study.title}, planned records"
-    _set_numbers(document["parameters"], plan)
-    so_far = document.pop("record", []) if "record" in document else []
-    document.pop("design", None)
-    document.add("design", _toml(design))
+    parameters = document["parameters"]
+    for path, parameter in plan.with_rig.parameters.items():
+        number = plan.knowledge.values.get(path, parameter.number)
+        if path not in parameters:
+            parameters[path] = tomlkit.inline_table()
+        # What was measured apart stays as it is.
+        if number is not None and "standard_error" not in parameters[path]:
+            parameters[path]["start" if parameter.free else "value"] = float(f"{number:.9g}")
+    so_far = document.pop("record", []) if together else []
+    for key in ("record", "design"):
+        document.pop(key, None)
+    limits = {key: _inline(value) if isinstance(value, dict) else value for key, value in design.items()}
+    document.add("design", tomlkit.item(limits))
     records = tomlkit.aot()
-    for record in so_far if together else []:
+    for record in so_far:
         move_files(record, source.parent, folder)
         records.append(record)
-    taken = {str(record.get("name", "")) for record in (so_far if together else [])}
+    taken = {str(record.get("name", "")) for record in so_far}
     for stem, planned in zip(file_stems(record.name for record in plan.records), plan.records, strict=True):
         records.append(_record(plan.study, planned, stem, taken))
     document.add("record", records)
     head = f"# Made by pdssjax design for {source.name}: put what is measured into {MEASURED}/.\n"
     return head + tomlkit.dumps(document)
-
-
-def _set_numbers(parameters: TomlTable, plan: Plan) -> None:
-    """The numbers that the plan counts with as starts and values, what was measured apart left as it is."""
-    for path, parameter in plan.with_rig.parameters.items():
-        number = plan.knowledge.values.get(path, parameter.number)
-        if path not in parameters:
-            parameters[path] = tomlkit.inline_table()
-        entry = parameters[path]
-        if number is not None and "standard_error" not in entry:
-            entry["start" if parameter.free else "value"] = float(f"{number:.9g}")
 
 
 def _record(study: Study, planned: PlannedRecord, stem: str, taken: set[str]) -> TomlTable:
@@ -107,17 +102,17 @@ def _record(study: Study, planned: PlannedRecord, stem: str, taken: set[str]) ->
     table["noise"] = f"{planned.noise.deviation * display.scale:.6g} {display.unit}"
     if experiment.conditions:
         table["conditions"] = sorted(experiment.conditions)
-    more: dict[str, str] = {}
-    if experiment.motion is not None:
-        more = {"amplitude": f"{1e6 * experiment.motion[0]:.9g} um", "frequency": f"{experiment.motion[1]:.9g} Hz"}
-    table["sampling"] = _sampling(planned, more)
+    table["sampling"] = _sampling(planned)
     if experiment.drive is not None:
         table["drive"] = _inline(_drive(study, planned))
     return table
 
 
-def _sampling(planned: PlannedRecord, more: Mapping[str, str]) -> TomlTable:
+def _sampling(planned: PlannedRecord) -> TomlTable:
     """The windows; each ends half an interval after its last sample, so that no rounding takes or adds one."""
+    more, motion = dict[str, str](), planned.experiment.motion
+    if motion is not None:
+        more = {"amplitude": f"{1e6 * motion[0]:.9g} um", "frequency": f"{motion[1]:.9g} Hz"}
     windows = [
         {
             "start": f"{window.start:.10g} s",
@@ -155,40 +150,26 @@ def _inline(entries: Mapping[str, object]) -> TomlTable:
     return table
 
 
-def _toml(document: Document) -> TomlTable:
-    """Plain data as a table, tables within it in one line each."""
-    table = tomlkit.table()
-    for key, value in document.items():
-        table[key] = _inline(value) if isinstance(value, dict) else value
-    return table
-
-
 def _write_drive(planned: PlannedRecord, file: Path) -> None:
     """The voltage, or the prescribed motion, of a record from its start to its last sample."""
     experiment, end = planned.experiment, max(float(planned.times[-1]), 1e-6)
-    step = min(planned.schedule.interval, (experiment.period or end) / 1000.0)
-    time = np.linspace(0.0, end, min(_POINTS, math.ceil(end / step) + 1))
+    period = experiment.period
+    step = min(planned.schedule.interval, (period or end) / 1000.0)
+    time = np.linspace(0.0, end, min(20_000, math.ceil(end / step) + 1))
     if experiment.motion is not None:
         amplitude, frequency = experiment.motion
         name, values = "motion_um", 1e6 * amplitude * np.sin(2.0 * np.pi * frequency * (time - planned.times[0]))
     else:
         assert experiment.drive is not None
         # A jump is two lines: what is just before a corner is the voltage there, too.
-        corners = _corners(planned, end)
+        corners = np.zeros(1)
+        if period is not None:
+            begins = period * np.arange(math.ceil(end / period) + 1)
+            corners = np.ravel(begins[:, None] + np.array(experiment.corners()))
+            corners = corners[corners <= end]
         time = np.unique(np.concatenate([time, corners, np.maximum(corners - 1e-7, 0.0)]))
         name, values = "voltage_V", np.asarray(experiment.drive.at(time))  # pyright: ignore[reportArgumentType]
-    table = np.column_stack([time, values])
-    np.savetxt(file, table, fmt=("%.8f", "%.6g"), delimiter=",", header=f"time_s,{name}", comments="")
-
-
-def _corners(planned: PlannedRecord, end: float) -> np.ndarray:
-    """Times [s] of the corners of a drive up to `end` [s]."""
-    within, period = planned.experiment.corners(), planned.experiment.period
-    if period is None:
-        return np.zeros(1)
-    cycles = np.arange(math.ceil(end / period) + 1)
-    times = np.ravel(cycles[:, None] * period + np.array(within))
-    return times[times <= end]
+    write_columns(file, {"time_s": time, name: values}, ("%.8f", "%.6g"))
 
 
 def _write_template(study: Study, planned: PlannedRecord, file: Path) -> None:

@@ -47,11 +47,6 @@ BYTES_PER_SECOND = 5_000_000
 CLOCK = 2 if sys.platform == "win32" else 20
 """Ratio of elapsed to processor time allowed: Windows limits elapsed time only, elsewhere processors are shared."""
 
-_SERVE = (
-    "import sys; sys.path.insert(0, sys.argv[1]); "
-    "from pdssjax.files.reading_process import serve; del sys.path[0]; serve()"
-)
-
 _Process: TypeAlias = "subprocess.Popen[bytes]"
 
 _idle: dict[int, list[_Process]] = {}
@@ -103,10 +98,12 @@ def _process() -> _Process:
         if process.poll() is None:
             return process
         _end(process)
+    program = "import sys; sys.path.insert(0, sys.argv[1]); "
+    program += "from pdssjax.files.reading_process import serve; del sys.path[0]; serve()"
     # One thread: each that a library of linear algebra begins takes address space, which is limited.
     alone = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
     return subprocess.Popen(
-        [sys.executable, "-P", "-c", _SERVE, str(Path(__file__).parents[2])],
+        [sys.executable, "-P", "-c", program, str(Path(__file__).parents[2])],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -171,15 +168,15 @@ def serve() -> None:
 
 def _answer(question: dict[str, Any], output: IO[bytes]) -> None:
     def say(said: dict[str, Any], values: np.ndarray) -> None:
-        warned = [str(warning.message) for warning in told if issubclass(warning.category, InputWarning)]
-        told.clear()
+        warned = [str(warning.message) for warning in caught if issubclass(warning.category, InputWarning)]
+        caught.clear()
         text = json.dumps({**said, "shape": values.shape, "warned": warned}).encode()
         output.write(len(text).to_bytes(8, "little") + text)
         output.write(np.ascontiguousarray(values, "<f8").data)
         output.flush()
 
     nothing = np.zeros(0)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         module, name = question["function"]
         file, *arguments = question["arguments"]

@@ -3,6 +3,7 @@
 A study says in the record's table which they are, or the columns are chosen from what the file holds.
 """
 
+import contextlib
 import dataclasses
 import math
 import re
@@ -13,15 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..core import Document, InputError, column_unit, factor, split_text, to_si, unit_named
+from ..core import InputError, column_unit, factor, split_text, to_si, unit_named
 from .channel_samples import Clock, find_channel, open_file, read_samples
 from .readers.base import AbstractSource, Channel
 from .toml_table import Table
-
-_LONGEST = 80
-"""Characters of a cell that a message quotes."""
-
-_GROUP = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 
 
 class Layout(NamedTuple):
@@ -78,7 +74,7 @@ class Columns:
         quantity, row = min(wrong.items(), key=lambda pair: pair[1])
         place, channel = int(self.places[row]), self.channels[quantity]
         text = self.reader.written(place, channel.number)
-        shown = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+        shown = text if len(text) <= 80 else f"{text[:80]}..."
         found = f'"{shown}"' if text else ("an empty cell" if self.reader.place == "line" else "no number")
         raise InputError(
             f'{self.file}: {self.reader.place} {place}, column "{channel.name}": found {found}, '
@@ -95,11 +91,7 @@ class Columns:
 
 
 def read_columns(file: Path, layout: Layout, window: tuple[float, float] | None = None) -> Columns:
-    """The columns of `file` that a `layout` names, in SI, those samples within the `window` [s] where one is given.
-
-    **Raises:** `InputError` if the file or a column is missing, if there are no samples, if a row has another number
-    of cells than the header, if the times do not increase, or if a unit is missing or does not fit.
-    """
+    """The columns of `file` that a `layout` names, in SI, those samples within the `window` [s] where one is given."""
     reader = open_file(file, layout.decimal)
     channels = reader.channels()
     chosen = {q: find_channel(reader, file, channels, given) for q, given in layout.columns.items()}
@@ -117,13 +109,10 @@ def read_columns(file: Path, layout: Layout, window: tuple[float, float] | None 
 
 
 def _clock(file: Path, layout: Layout, chosen: Mapping[str, Channel], factors: Mapping[str, float]) -> Clock:
-    kept = {(c.start, c.interval) for c in chosen.values() if c.interval is not None}
+    clocked = [channel for channel in chosen.values() if channel.interval is not None]
+    kept = {(c.start, c.interval) for c in clocked if c.interval is not None}
     if len(kept) > 1:
-        said = ", ".join(
-            f'"{c.name}" from {c.start:g} s on every {c.interval:g} s'
-            for c in chosen.values()
-            if c.interval is not None
-        )
+        said = ", ".join(f'"{c.name}" from {c.start:g} s on every {c.interval:g} s' for c in clocked)
         raise InputError(f"{file}: found clocks that differ ({said}), expected channels of one clock.")
     if layout.interval is not None:
         return Clock(None, start=layout.begin, interval=layout.interval)
@@ -143,11 +132,11 @@ def _clock(file: Path, layout: Layout, chosen: Mapping[str, Channel], factors: M
 def _factor(file: Path, layout: Layout, quantity: str, channel: Channel) -> float:
     """The factor from the numbers of a channel to SI."""
     where, si = f'{file}: column "{channel.name}"', layout.si_units[quantity]
-    told, ending = layout.units.get(quantity) or channel.unit, column_unit(channel.name)
+    unit, ending = layout.units.get(quantity) or channel.unit, column_unit(channel.name)
     if quantity in layout.scales:
         # "U_mon" ends in no unit, and with a scale needs none.
-        return scaled(layout.scales[quantity], told or unit_named(ending), si, f"{where}: scale")
-    if name := told or ending:
+        return scaled(layout.scales[quantity], unit or unit_named(ending), si, f"{where}: scale")
+    if name := unit or ending:
         return factor(name, si, where)
     like = quantity if channel.name == str(channel.number) else channel.name
     raise InputError(
@@ -160,28 +149,25 @@ def scaled(scale: float | str, unit: str, si: str, where: str) -> float:
     number, per = split_text(scale, where) if isinstance(scale, str) else (float(scale), "")
     if number == 0 or not math.isfinite(number):
         raise InputError(f"{where}: found {number:g}, expected a factor other than 0.")
-    tried = [unit] if unit else ["", "V"]
-    for name in tried:
+    for name in [unit] if unit else ["", "V"]:
         parts = " * ".join(f"({part})" for part in (per, name) if part)
-        try:
+        with contextlib.suppress(InputError):
             return number * (factor(parts, si, where) if parts else 1.0)
-        except InputError:
-            continue
     having = f'numbers in "{unit}"' if unit else "numbers without a unit"
     raise InputError(f'{where}: found "{scale}" of {having}, expected what makes {si} of them, such as "1 {si}/V".')
 
 
 def _about_commas(text: str) -> str:
     """A hint where a number has a decimal comma, or what may divide thousands."""
-    thousands = "; what divides thousands is read with decimal = {0} in the record".format
     try:
         float(text.replace(",", ".", 1))
     except ValueError:
         return ""
     if "," not in text:
-        return thousands('","')
+        return '; what divides thousands is read with decimal = "," in the record'
+    may_group = re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", text)
     hint = '; a decimal comma is read with decimal = "," in the record'
-    return hint + (', one between thousands with decimal = "."' if _GROUP.fullmatch(text) else "")
+    return hint + (', one between thousands with decimal = "."' if may_group else "")
 
 
 _CLOCK = 'the name or the number of a column, or a table such as { interval = "50 us" }'
@@ -205,12 +191,21 @@ def decimal_at(table: Table) -> str:
 
 
 def record_layout(table: Table, si_units: Mapping[str, str]) -> Layout:
-    """The columns of the record that `table` describes; `si_units` by quantity, "time" first, what is explained last.
-
-    **Raises:** `InputError` if a column is missing or named twice, or a key is illegal.
-    """
+    """The columns of the record that `table` describes; `si_units` by quantity, "time" first, the explained last."""
     *_, explained = si_units
-    names = _column_names(table, si_units)
+    has_channel = "channel" in table.entries
+    example = f'a table such as {{ time = "time_s", {explained} = "..." }}'
+    columns = table.table("columns", example, {}) if has_channel else table.table("columns", example)
+    columns.only(si_units)
+    names = {quantity: name_at(columns, quantity) for quantity in columns.entries}
+    for key, quantity, expected in (("channel", explained, _COLUMN), ("time", "time", _CLOCK)):
+        if key in table.entries and quantity in names:
+            raise InputError(f"{table.at(key)}: found the column of the {quantity} in columns, too, expected one.")
+        if key in table.entries and not isinstance(table.entries[key], dict):
+            names[quantity] = name_at(table, key, expected)
+    for quantity in list(si_units)[1:]:
+        if quantity not in names:
+            columns.text(quantity, "the name of a column")
     units = table.table("units", f'a table such as {{ {explained} = "..." }}', {})
     # The voltage of a sampled drive may stand in the same file.
     units.only([*si_units, "voltage"])
@@ -236,27 +231,6 @@ def interval_at(table: Table) -> tuple[float | None, float]:
             f"{clock.at('interval')}: found {interval:g} s, expected a time above 0 and up to {_LONGEST_INTERVAL:g} s."
         )
     return interval, clock.number("start", "s", 0.0)
-
-
-def _column_names(table: Table, si_units: Mapping[str, str]) -> dict[str, str | int]:
-    """The name of each quantity's column."""
-    *_, explained = si_units
-    empty: Document = {}
-    alone = "channel" in table.entries
-    example = f'a table such as {{ time = "time_s", {explained} = "..." }}'
-    columns = table.table("columns", example, empty) if alone else table.table("columns", example)
-    columns.only(si_units)
-    names = {quantity: name_at(columns, quantity) for quantity in columns.entries}
-    given = [("channel", explained)] * alone + [("time", "time")] * ("time" in table.entries)
-    for key, quantity in given:
-        if quantity in names:
-            raise InputError(f"{table.at(key)}: found the column of the {quantity} in columns, too, expected one.")
-        if not isinstance(table.entries[key], dict):
-            names[quantity] = name_at(table, key, _CLOCK if key == "time" else _COLUMN)
-    for quantity in list(si_units)[1:]:
-        if quantity not in names:
-            columns.text(quantity, "the name of a column")
-    return names
 
 
 def scales_at(table: Table, quantity: str) -> dict[str, float | str]:

@@ -8,23 +8,14 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float
 
 from ..core import Display, Document, InputError, column_unit, factor
 from ..study import FittedRecord, Record, Recording, UsedNumber
 from .json_text import json_text
 from .results_folder import staging_folder, write_text
 
-PARAMETERS_FORMAT = "pdssjax-parameters/1"
-
-_TAKEN = ("amplification", "correlations", "draws", "multistart", "profiles", "standard_errors")
-"""Names of the files in `plots` besides a plot of each record."""
-
 COMPARED = "measured", "predicted", "residual"
 """Columns after the time, each with the unit behind it."""
-
-_LONGEST = 60
-"""Letters of a file's name: four bytes each at most, of the 255 that a name may have."""
 
 Numbers: TypeAlias = Mapping[str, UsedNumber]
 """Numbers of parameters by path, as `pdssjax.study.numbers_used` returns them."""
@@ -43,7 +34,7 @@ def write_predictions(records: Sequence[FittedRecord], used: Numbers, folder: Pa
 
 
 def write_numbers(used: Numbers, staging: Path) -> None:
-    write_text(staging / "parameters.json", json_text({"format": PARAMETERS_FORMAT, "parameters": used}))
+    write_text(staging / "parameters.json", json_text({"format": "pdssjax-parameters/1", "parameters": used}))
 
 
 def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
@@ -53,30 +44,24 @@ def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
     (staging / "plots").mkdir()
     for stem, record in zip(file_stems(record.name for record in records), records, strict=True):
         unit, scale = record.display.unit, record.display.scale
-        table = np.column_stack([record.measured, record.predicted, record.measured - record.predicted])
-        applied = applied_columns(record)
-        np.savetxt(
-            staging / "predictions" / f"{stem}.csv",
-            np.column_stack([record.time, scale * table, *applied.values()]),
-            fmt=("%.15g", *["%.9g"] * (3 + len(applied))),
-            delimiter=",",
-            header=",".join(["time_s", *(f"{name}_{unit}" for name in COMPARED), *applied]),
-            comments="",
-        )
+        compared = zip(COMPARED, (record.measured, record.predicted, record.measured - record.predicted), strict=True)
+        columns = {"time_s": record.time, **{f"{name}_{unit}": scale * values for name, values in compared}}
+        # What was applied to the rig, as far as the record has it.
+        if record.motion is not None:
+            columns[prescribed_column(record.prescribed)] = record.prescribed.scale * record.motion
+        if record.voltage is not None:
+            columns[VOLTAGE] = record.voltage
+        write_columns(staging / "predictions" / f"{stem}.csv", columns, ["%.15g", *["%.9g"] * (len(columns) - 1)])
         save_figure(record_figure(record), staging / "plots" / f"{stem}.png")
         if record.simulated and has_loops(record):
             (staging / "plots" / "loops").mkdir(exist_ok=True)
             save_figure(loop_figure(record), staging / "plots" / "loops" / f"{stem}.png")
 
 
-def applied_columns(record: FittedRecord) -> dict[str, Float[np.ndarray, " n"]]:
-    """What was applied to the rig in the unit of the column, by the column's name, as far as the record has it."""
-    columns = {}
-    if record.motion is not None:
-        columns[prescribed_column(record.prescribed)] = record.prescribed.scale * record.motion
-    if record.voltage is not None:
-        columns[VOLTAGE] = record.voltage
-    return columns
+def write_columns(file: Path, columns: Mapping[str, np.ndarray], formats: str | Sequence[str]) -> None:
+    """Write `columns` of numbers, by their names, as a CSV file."""
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(file, table, formats, ",", header=",".join(columns), comments="", encoding="utf-8")
 
 
 VOLTAGE = "voltage_V"
@@ -91,9 +76,11 @@ def prescribed_column(display: Display) -> str:
 def file_stems(names: Iterable[str]) -> list[str]:
     """File names after the `names` of records, different from each other on any file system."""
     stems: list[str] = []
+    plots = ("amplification", "correlations", "draws", "multistart", "profiles", "standard_errors")
     for name in names:
-        plain = re.sub(r"[^\w.-]+", "_", name)[:_LONGEST].strip("._") or "record"
-        taken = [stem.lower() for stem in [*stems, *_TAKEN]]
+        # Letters have four bytes at most, and names 255.
+        plain = re.sub(r"[^\w.-]+", "_", name)[:60].strip("._") or "record"
+        taken = [stem.lower() for stem in [*stems, *plots]]
         copies = (f"{plain}-{number}" for number in range(2, len(taken) + 2))
         stems.append(next(stem for stem in (plain, *copies) if stem.lower() not in taken))
     return stems
@@ -137,10 +124,7 @@ def write_recordings(
 
 
 def column_scales(record: Record, study: Path) -> dict[str, float]:
-    """The factor from the unit of each quantity's column to SI.
-
-    **Raises:** `InputError`, which names the file `study`, where the name of a column does not tell its unit.
-    """
+    """The factor from the unit of each quantity's column to SI."""
     si_units, where = record.measurement.columns, f'{study}: record "{record.name}"'
     return {
         quantity: factor(unit or column_unit(name), si_units[quantity], f'{where}: column "{name}"')
@@ -149,22 +133,14 @@ def column_scales(record: Record, study: Path) -> dict[str, float]:
 
 
 def write_csv(recording: Recording, study: Path, file: Path) -> None:
-    """The record as the file `study` describes its file: columns by their names and units.
-
-    **Raises:** `InputError` as `column_scales` does.
-    """
+    """The record as the file `study` describes its file: columns by their names and units."""
     record = recording.record
     scales = column_scales(record, study)
     measurement = record.measurement
     data = {"time": record.time + record.start, measurement.quantity: record.measured}
     if measurement.prescribed is not None:
         data[measurement.prescribed] = record.motion
-    names, columns, formats = [], [], []
-    for quantity, (name, _) in record.columns.items():
-        columns.append(np.asarray(data[quantity]) / scales[quantity])
-        names.append(name)
-        # A clock that began long ago needs all digits to tell its samples apart.
-        formats.append("%.15g" if quantity == "time" else "%.9g")
+    columns = {name: np.asarray(data[quantity]) / scales[quantity] for quantity, (name, _) in record.columns.items()}
     file.parent.mkdir(parents=True, exist_ok=True)
-    header = ",".join(names)
-    np.savetxt(file, np.column_stack(columns), fmt=formats, delimiter=",", header=header, comments="", encoding="utf-8")
+    # A clock that began long ago needs all digits to tell its samples apart.
+    write_columns(file, columns, ["%.15g" if quantity == "time" else "%.9g" for quantity in record.columns])

@@ -5,7 +5,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..core import InputError, InputWarning, choices, member, members, to_si
 from ..drive.base import AbstractDrive
@@ -16,38 +16,22 @@ from .record_columns import Columns, Layout, read_columns, record_layout
 from .toml_table import Table
 
 
-def window_of(table: Table) -> tuple[float, float] | None:
-    """First and last time of the samples that the record's `table` takes, on the file's clock [s]; None for all.
-
-    **Raises:** `InputError` if the key is at fault.
-    """
-    return _interval(table.entries["window"], table.at("window")) if "window" in table.entries else None
-
-
-def kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> dict[str, Float[np.ndarray, " samples"]]:
-    """The samples that are kept of those `read`, by quantity [SI], checked.
-
-    **Raises:** `InputError` if the file or a key of the record's `table` is at fault, or nothing is left.
-    """
+def _kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> dict[str, Float[np.ndarray, " samples"]]:
+    """The samples that are kept of those `read`, by quantity [SI], checked."""
+    _, *quantities, explained = layout.si_units
     keep, whole = _not_excluded(table, read)
-    keep &= _fresh_samples(table, read.data[list(layout.si_units)[-1]])
+    if "held" in table.entries:
+        measured = read.data[explained]
+        expected = f"a whole number from 2 on, and at most half of the {measured.size} samples"
+        keep &= fresh_samples(measured, table.whole("held", expected, least=2, most=measured.size // 2))
     columns = read.kept(keep)
     columns.check_numbers()
     clock = columns.channels["time"].name if "time" in columns.channels else "time"
     check_increasing(file, clock, columns.data["time"], columns.places, columns.reader.place)
     data = _decimate(table, columns, whole[keep])
-    for quantity in list(layout.si_units)[1:]:
+    for quantity in (*quantities, explained):
         columns.check_moves(quantity, data[quantity])
     return data
-
-
-def _fresh_samples(table: Table, measured: Float[np.ndarray, " samples"]) -> Bool[np.ndarray, " samples"]:
-    """The samples at which a sensor shows a new value, where the record says with `held` at every how many it does."""
-    if "held" not in table.entries:
-        return np.ones(measured.size, bool)
-    most = measured.size // 2
-    expected = f"a whole number from 2 on, and at most half of the {measured.size} samples"
-    return fresh_samples(measured, table.whole("held", expected, least=2, most=most))
 
 
 def _decimate(table: Table, columns: Columns, stretch: np.ndarray) -> dict[str, np.ndarray]:
@@ -63,9 +47,8 @@ def _decimate(table: Table, columns: Columns, stretch: np.ndarray) -> dict[str, 
             f"{table.at('decimate')}: found samples {np.min(steps, initial=np.inf):g} s to "
             f"{np.max(steps, initial=0.0):g} s apart, expected even ones."
         )
-    parts = [np.column_stack(list(columns.data.values()))[stretch == number] for number in np.unique(stretch)]
-    thinned = [decimated(part, by) for part in parts]
-    together = np.concatenate(thinned)
+    samples = np.column_stack(list(columns.data.values()))
+    together = np.concatenate([decimated(samples[stretch == number], by) for number in np.unique(stretch)])
     if len(together) < 2:
         raise InputError(
             f"{table.at('decimate')}: found {time.size} samples, expected more than the {32 * by} of the filter."
@@ -107,9 +90,6 @@ _FAMILY = "study.measurement"
 _MOST_SAMPLES = 1e7
 """Samples of a record that is to be made: some gigabytes with what predicts them."""
 
-_TEXTS = (".csv", ".txt", ".tsv", ".dat", "")
-"""Endings of the file names that a virtual rig writes."""
-
 RECORD_KEYS = [
     *("name", "file", "columns", "channel", "time", "units", "scale", "decimal", "measures", "role", "noise"),
     *("offset", "window", "exclude", "held", "decimate", "start", "drive", "resolution", "sampling", "conditions"),
@@ -129,11 +109,14 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, se
     meet its drive.  Warns with `InputWarning` if the times look like milliseconds or end before
     the first period.
     """
-    kinds = [member(_FAMILY, kind) for kind in members(_FAMILY)]
-    table.only([*RECORD_KEYS, *dict.fromkeys(key for kind in kinds for key in choices(kind))])
+    kinds = {kind: member(_FAMILY, kind) for kind in members(_FAMILY)}
+    table.only([*RECORD_KEYS, *dict.fromkeys(key for kind in kinds.values() for key in choices(kind))])
     file = folder / table.text("file", "the path of a file")
     name = table.text("name", "a name", file.stem)
-    measurement = _measurement(table)
+    kind = kinds[table.option("measures", kinds)]
+    table.only([*RECORD_KEYS, *choices(kind)])
+    words = {key: table.option(key, options, next(iter(options))) for key, options in choices(kind).items()}
+    measurement: AbstractMeasurement = kind(**words)
     unit = measurement.unit
     drive, overrides, conditions = None, frozenset(), _conditions(table)
     if measurement.driven:
@@ -144,12 +127,22 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, se
             f'{table.at("drive")}: found a drive, expected none: the "{measurement.prescribed}" of a '
             f"{measurement.name} record is prescribed."
         )
+    elif "start" in table.entries:
+        raise InputError(
+            f"{table.at('start')}: found a start, expected none: a {measurement.name} record has no drive."
+        )
     layout = record_layout(table, measurement.columns)._replace(needs_clock=measurement.needs_clock)
     drive, earlier = conditioned(table, drive)
-    start = _start(table, measurement)
+    start = table.number("start", "s", 0.0)
     if virtual:
         _check_writable(table, file, layout)
-    data, begin, has_clock = _samples(table, file, layout, measurement if virtual else None)
+    if virtual and "sampling" in table.entries:
+        data = _plan_samples(table, measurement)
+        begin, has_clock = float(data["time"][0]), True
+    else:
+        window = _interval(table.entries["window"], table.at("window")) if "window" in table.entries else None
+        read = read_columns(file, layout, window)
+        data, begin, has_clock = _kept_samples(table, file, layout, read), read.begin, read.has_clock
     where = f'{file}: record "{name}"'
     check_meets_drive(where, begin, data["time"], drive, start)
     length = float(data["time"][-1] - data["time"][0])
@@ -181,18 +174,6 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, se
     )
 
 
-def _samples(
-    table: Table, file: Path, layout: Layout, planned: AbstractMeasurement | None
-) -> tuple[dict[str, np.ndarray], float, bool]:
-    """The columns of a record, by quantity [SI], those `planned` where they are; when its file begins [s]; whether
-    its samples have times."""
-    if planned is not None and "sampling" in table.entries:
-        data = _plan_samples(table, planned)
-        return data, float(data["time"][0]), True
-    read = read_columns(file, layout, window_of(table))
-    return kept_samples(table, file, layout, read), read.begin, read.has_clock
-
-
 def _conditions(table: Table) -> frozenset[str]:
     """The conditions of the record, as in "friction.f_ss_a@wet"."""
     expected = 'a list of names such as ["wet"]'
@@ -205,32 +186,15 @@ def _conditions(table: Table) -> frozenset[str]:
 
 def _drive_parameters(parameters: Table, conditions: frozenset[str]) -> Table:
     """The parameters of drives, by path, that hold under these `conditions`."""
-    told = {path: split_path(path) for path in parameters.entries if path.startswith("drive.")}
-    usual = {base: parameters.entries[path] for path, (base, condition) in told.items() if not condition}
-    here = {base: parameters.entries[path] for path, (base, condition) in told.items() if condition in conditions}
+    split = {path: split_path(path) for path in parameters.entries if path.startswith("drive.")}
+    usual = {base: parameters.entries[path] for path, (base, condition) in split.items() if not condition}
+    here = {base: parameters.entries[path] for path, (base, condition) in split.items() if condition in conditions}
     return Table(usual | here, parameters.where)
-
-
-def _measurement(table: Table) -> AbstractMeasurement:
-    """The measurement of the record, with the keys that only a record of it has."""
-    kind = member(_FAMILY, table.option("measures", members(_FAMILY)))
-    named = choices(kind)
-    table.only([*RECORD_KEYS, *named])
-    return kind(**{key: table.option(key, options, next(iter(options))) for key, options in named.items()})
-
-
-def _start(table: Table, measurement: AbstractMeasurement) -> float:
-    """When the drive starts on the clock of the record's file [s]."""
-    if not measurement.driven and "start" in table.entries:
-        raise InputError(
-            f"{table.at('start')}: found a start, expected none: a {measurement.name} record has no drive."
-        )
-    return table.number("start", "s", 0.0)
 
 
 def _check_writable(table: Table, file: Path, layout: Layout) -> None:
     """A record that is to be made is written as a CSV file with named columns."""
-    if file.suffix.lower() not in _TEXTS:
+    if file.suffix.lower() not in (".csv", ".txt", ".tsv", ".dat", ""):
         raise InputError(
             f'{table.at("file")}: found "{file.name}" for a record to be made, expected a name that ends in .csv.'
         )
@@ -301,10 +265,8 @@ def _question_noise(table: Table, noise: float | None, measured: np.ndarray, mea
 
 
 def _warn(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:
-    if drive is None:
+    if drive is None or not drive.declared():  # samples say nothing of how long they should be
         return
-    if not drive.declared():
-        return  # samples say nothing of how long they should be
     frequency = drive.cycle_frequency()
     period = STEP_TIME if frequency is None else 1.0 / frequency
     interval = float(np.median(np.diff(time)))

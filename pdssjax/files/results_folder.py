@@ -11,39 +11,12 @@ from typing import TypeAlias
 from ..core import InputError
 from .file_lock import UNFINISHED, folder_lock, is_leftover
 
-_RESULTS = (
-    "comparison.txt",
-    "comparison.png",
-    "residuals.png",
-    "comparison.html",
-    "report.txt",
-    "report.html",
-    "records",
-    "predictions",
-    "cycles.csv",
-    "plots",
-    "posterior.nc",
-    "bootstrap.csv",
-    "sweep.nc",
-    "sweep.zarr",
-    "sweep.png",
-    "directions.png",
-    "border.nc",
-    "border.zarr",
-    "border.png",
-    "characterise.json",
-    "parameters.json",
-    "plan.txt",
-    "plan.png",
-    "plan.html",
-    "plan.toml",
-    "plan-together.toml",
-    "drives",
-    "templates",
-    "plan.json",
-    "comparison.json",
-    "estimate.json",
-)
+_RESULTS = """
+comparison.txt comparison.png residuals.png comparison.html report.txt report.html records predictions cycles.csv plots
+posterior.nc bootstrap.csv sweep.nc sweep.zarr sweep.png directions.png border.nc border.zarr border.png
+characterise.json parameters.json plan.txt plan.png plan.html plan.toml plan-together.toml drives templates plan.json
+comparison.json estimate.json
+""".split()
 """Names that a folder of results may hold, the one that tells most last."""
 
 
@@ -121,7 +94,7 @@ def reserved_folder(folder: Path, overwrite: bool) -> Iterator[None]:
         # Another process may have put results there before the lock was taken.
         check_free(folder, overwrite)
         place = folder.resolve()
-        _reserved[place] = _contents(place, _RESULTS)
+        _reserved[place] = _contents(place)
         try:
             yield
         finally:
@@ -142,7 +115,7 @@ def staging_folder(folder: Path, names: Sequence[str] = _RESULTS) -> Iterator[Pa
     with folder_lock(folder), tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=folder) as temporary:
         staging, place = Path(temporary), folder.resolve()
         yield staging
-        if place in _reserved and _reserved[place] != _contents(place, _RESULTS):
+        if place in _reserved and _reserved[place] != _contents(place):
             raise FileExistsError("other results have come into it meanwhile")
         try:
             written = [name for name in reversed(names) if (staging / name).exists()]
@@ -153,15 +126,15 @@ def staging_folder(folder: Path, names: Sequence[str] = _RESULTS) -> Iterator[Pa
                 (staging / name).replace(folder / name)
         finally:
             if place in _reserved:
-                _reserved[place] = _contents(place, _RESULTS)
+                _reserved[place] = _contents(place)
 
 
-def _contents(folder: Path, names: Sequence[str]) -> _Contents:
+def _contents(folder: Path) -> _Contents:
     found: _Contents = {}
-    for name in names:
+    for name in _RESULTS:
         with contextlib.suppress(OSError):
-            told = (folder / name).stat()
-            found[name] = told.st_ino, told.st_mtime_ns
+            status = (folder / name).stat()
+            found[name] = status.st_ino, status.st_mtime_ns
     return found
 
 

@@ -4,7 +4,6 @@ import math
 import os
 import re
 import tempfile
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import tomlkit
 
 from ..core import Document, InputError
 from .file_lock import UNFINISHED
-from .study_toml import FORMAT, load_study
+from .study_toml import FORMAT, load_study, read_toml
 
 _HEAD = "# Made by pdssjax explore from"
 
@@ -48,7 +47,15 @@ def save_study(
             load_study(made)
         except InputError as error:
             raise InputError(str(error).replace(str(made), str(target))) from None
-        _move(made, target, overwrite)
+        if overwrite:
+            made.replace(target)
+        else:
+            try:
+                os.link(made, target)  # fails where something has come there meanwhile
+            except FileExistsError:
+                raise InputError(f"{target}: found a file there already, expected another name.") from None
+            except OSError:  # a disk without links
+                made.rename(target)
     finally:
         made.unlink(missing_ok=True)
     return target
@@ -65,42 +72,39 @@ def _check_target(source: Path, target: Path, overwrite: bool) -> None:
         raise InputError(f'{target}: found a name that does not end in ".toml", expected that of a study.')
     if not target.parent.is_dir():
         raise InputError(f"{target}: there is no folder {target.parent}, expected one to write to.")
-    if target.exists() and not overwrite:
+    if not target.exists():
+        return
+    if not overwrite:
         raise InputError(f"{target}: found a file there already, expected another name, or leave to replace it.")
-    if target.exists() and target.samefile(source):
+    if target.samefile(source):
         raise InputError(f"{target}: found the study that is open, expected another name.")
-    if target.exists() and not _is_study(target):
+    if not _is_study(target):
         raise InputError(f"{target}: found a file that is no study, expected another name: only a study is replaced.")
 
 
 def _is_study(path: Path) -> bool:
     """Whether a file says that it is a study, of any version of the format."""
-    if not path.is_file():
-        return False
     try:
-        format_ = tomllib.loads(path.read_text(encoding="utf-8-sig")).get("format")
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        format_ = read_toml(path).get("format")
+    except InputError:
         return False
     return isinstance(format_, str) and format_.startswith(FORMAT.partition("/")[0] + "/")
 
 
 def _text(
-    source: Path,
-    target: Path,
-    values: Mapping[str, float],
-    drives: Mapping[str, Mapping[str, float | str]],
+    source: Path, target: Path, values: Mapping[str, float], drives: Mapping[str, Mapping[str, float | str]]
 ) -> str:
     before, known = source.read_text(encoding="utf-8-sig"), load_study(source).parameters
     document = tomlkit.parse(re.sub(rf"\A{re.escape(_HEAD)}.*\n", "", before))
     parameters: Document = document["parameters"]
     for path, number in values.items():
-        told = known.get(path)
-        if told is not None and told.number is not None and math.isclose(told.number, number, rel_tol=1e-12):
+        listed = known.get(path)
+        if listed is not None and listed.number is not None and math.isclose(listed.number, number, rel_tol=1e-12):
             continue  # as it was written, with its unit
         if path not in parameters:
             # Free where a name with a star in it says so of several.
             parameters[path] = tomlkit.inline_table()
-            parameters[path]["start" if told is not None and told.free else "value"] = number
+            parameters[path]["start" if listed is not None and listed.free else "value"] = number
         entry = parameters[path]
         if "standard_error" not in entry:  # what was measured apart stays what it was
             entry["value" if "value" in entry else "start"] = number
@@ -117,15 +121,3 @@ def move_files(record: Document, before: Path, after: Path) -> None:
     for table in (record, record.get("drive")):
         if isinstance(table, dict) and "file" in table and not Path(table["file"]).is_absolute():
             table["file"] = Path(os.path.relpath((before / table["file"]).absolute(), after.absolute())).as_posix()
-
-
-def _move(made: Path, target: Path, overwrite: bool) -> None:
-    if overwrite:
-        made.replace(target)
-        return
-    try:
-        os.link(made, target)  # fails where something has come there meanwhile
-    except FileExistsError:
-        raise InputError(f"{target}: found a file there already, expected another name.") from None
-    except OSError:  # a disk without links
-        made.rename(target)

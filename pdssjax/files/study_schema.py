@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from ..actuator import PARTS
 from ..core import Document, Quantity, member, members
 from ..integration import SOLVERS
-from ..piezo import DYNAMICS, HYSTERESES, MOST, Composition, Field, fields_of
+from ..piezo import DYNAMICS, HYSTERESES, MOST, Composition, fields_of
 from ..study import Entry, catalogue_entries
 from .design_table import BUDGET_KEYS, DESIGN_KEYS
 from .drive_table import SAMPLED_KEYS
@@ -36,10 +36,10 @@ def study_schema() -> Document:
         **_table(
             {
                 "format": {"const": FORMAT},
-                "title": {"type": "string", "description": "As reports call it."},
+                "title": {"type": "string", "description": "Title of the study in reports."},
                 "solver": {
                     "enum": list(SOLVERS),
-                    "description": "What integrates every simulation; left out: taylor. The others are diffrax's.",
+                    "description": "Integrator of every simulation, taylor if left out. The others are diffrax's.",
                 },
                 "actuator": _actuator(entries),
                 "parameters": _parameters(entries),
@@ -48,7 +48,11 @@ def study_schema() -> Document:
                     "additionalProperties": {"type": "string", "pattern": ">=|<="},
                     "description": f'Inequalities between parameters, each under a name: "{CONSTRAINT_EXAMPLE}".',
                 },
-                "record": {"type": "array", "items": _record(entries), "description": "One of each run of the rig."},
+                "record": {
+                    "type": "array",
+                    "items": _record(entries),
+                    "description": "One table for each run of the rig.",
+                },
                 "design": _design(),
             },
             ["format", "actuator", "parameters"],
@@ -66,62 +70,50 @@ def _table(properties: Mapping[str, object], required: Iterable[str] = (), **mor
     }
 
 
-def _quantity(unit: str, told: str = "") -> Document:
+def _quantity(unit: str, text: str = "") -> Document:
     """A number in SI, or a text with a unit."""
-    shown = f"[{unit}]" if unit and f"[{unit}]" not in told else ""
+    shown = f"[{unit}]" if unit and f"[{unit}]" not in text else ""
     texts = {"type": "string", "pattern": _NUMBER}
-    return {"anyOf": [{"type": "number"}, texts], "description": f"{told} {shown}".strip()}
+    return {"anyOf": [{"type": "number"}, texts], "description": f"{text} {shown}".strip()}
 
 
 def _chosen(entries: Mapping[str, Entry], family: str) -> Document:
     """The names of a family's members, each explained."""
-    found = [name for name in entries if name.startswith(f"{family}/")]
-    return {"oneOf": [{"const": name.partition("/")[2], "description": entries[name].summary} for name in found]}
+    found = {name.partition("/")[2]: e.summary for name, e in entries.items() if name.startswith(f"{family}/")}
+    return {"oneOf": [{"const": name, "description": summary} for name, summary in found.items()]}
 
 
 def _actuator(entries: Mapping[str, Entry]) -> Document:
-    return _table(
-        {
-            "piezo": {"anyOf": [_chosen(entries, "piezo"), _composed()]},
-            "friction": _chosen(entries, "friction"),
-            "friction_state": {"enum": list(STATES), "description": "Reading of the direction-dependent law (5.22)."},
-            "feedback": {"type": "boolean", "description": "Friction acts back on the platform (5.25)."},
-            "rests_under_load": {
-                "type": "boolean",
-                "description": "Load and tilt acted before t = 0; left out: they set in then.",
-            },
-        },
-        ["piezo"],
-    )
-
-
-def _composed() -> Document:
-    """A piezo put together of dynamics, hysteresis and creep."""
     count = lambda key: {"type": "integer", "minimum": 1, "maximum": MOST[key]}
     law = {"enum": list(HYSTERESES), "description": "How the displacement lags behind the voltage."}
     hysteresis = _table({"law": law, "elements": count("elements"), "asymmetry": count("asymmetry")}, ["law"])
-    keys: dict[str, object] = {
-        "dynamics": {"enum": list(DYNAMICS), "description": "Of the mechanics."},
-        "hysteresis": {"anyOf": [law, hysteresis], "description": "Of the ceramic; left out: none."},
-        "creep": _table({"elements": count("creep")}, description="Of the ceramic; left out: none."),
-        "modes": count("modes") | {"description": "Of a rod."},
+    composed = {
+        "dynamics": {"enum": list(DYNAMICS), "description": "Mechanics of stack and platform."},
+        "hysteresis": {"anyOf": [law, hysteresis], "description": "Hysteresis of the ceramic; none if left out."},
+        "creep": _table({"elements": count("creep")}, description="Creep of the ceramic; none if left out."),
+        "modes": count("modes") | {"description": "Number of modes of a rod."},
     }
-    return _table(keys, ["dynamics"])
+    under_load = "Load and tilt acted before t = 0; if left out, they set in at t = 0."
+    keys = {
+        "piezo": {"anyOf": [_chosen(entries, "piezo"), _table(composed, ["dynamics"])]},
+        "friction": _chosen(entries, "friction"),
+        "friction_state": {"enum": list(STATES), "description": "Reading of the direction-dependent law (5.22)."},
+        "feedback": {"type": "boolean", "description": "Friction acts back on the platform (5.25)."},
+        "rests_under_load": {"type": "boolean", "description": under_load},
+    }
+    return _table(keys, ["piezo"])
 
 
 def _composed_parameters() -> dict[str, Document]:
     """The parameters of a composed stack, by a pattern of their paths."""
-    fields: dict[str, Field] = {}
-    for dynamics in DYNAMICS:
-        for law in HYSTERESES:
-            made = Composition(dynamics, law, 1, 2, 1)
-            fields |= {field.name: field for field in fields_of(made)}
+    made = [Composition(dynamics, law, 1, 2, 1) for dynamics in DYNAMICS for law in HYSTERESES]
+    fields = {field.name: field for composition in made for field in fields_of(composition)}
     found: dict[str, Document] = {}
     for name, field in fields.items():
         declared = field.declared.metadata["quantity"]
-        told = re.sub(r"\b[12]\b", "n", field.text) if name[-1].isdigit() else field.text
+        text = re.sub(r"\b[12]\b", "n", field.text) if name[-1].isdigit() else field.text
         path = re.sub(r"\d+$", r"\\d+", re.escape(f"piezo.{name}"))
-        found[rf"^{path}(@.+)?$"] = _parameter(declared, told)
+        found[rf"^{path}(@.+)?$"] = _parameter(declared, text)
     found[r"^piezo\.[a-z_]+_\*(@.+)?$"] = {"type": "object", "description": "All that differ by a number."}
     return found
 
@@ -131,65 +123,65 @@ def _parameters(entries: Mapping[str, Entry]) -> Document:
     found: dict[str, tuple[Quantity, str]] = {}
     for name, entry in entries.items():
         family = name.partition("/")[0]
-        if family in ("piezo", "friction", *PARTS):
-            for field, declared in entry.parameters.items():
+        for field, declared in entry.parameters.items():
+            if family in ("piezo", "friction", *PARTS) or (family == "drive" and field != "frequency"):
                 found.setdefault(f"{family}.{field}", declared)
-        elif family == "drive":
-            for field, declared in entry.parameters.items():
-                if field != "frequency":
-                    found.setdefault(f"drive.{field}", declared)
     tables = {path: _parameter(*declared) for path, declared in found.items()}
     marked = {f"^{re.escape(path)}@.+$": table for path, table in tables.items()}
     return _table(tables, patternProperties=marked | _composed_parameters())
 
 
-def _parameter(declared: Quantity, told: str) -> Document:
+def _parameter(declared: Quantity, text: str) -> Document:
     keys = {
-        "value": "Fixed at it.",
-        "start": "Where the fit begins; left out: found in the data.",
+        "value": "The number at which the parameter is fixed.",
+        "start": "Where the fit begins; if left out, it is found in the data.",
         "min": "Lower bound.",
         "max": "Upper bound.",
-        "standard_error": "Of a value that was measured apart: the fit takes it for one more measurement.",
+        "standard_error": "Error of a value that was measured apart: the fit takes it for one more measurement.",
     }
-    return _table({key: _quantity(declared.unit, what) for key, what in keys.items()}, description=told)
+    return _table({key: _quantity(declared.unit, what) for key, what in keys.items()}, description=text)
 
 
 def _record(entries: Mapping[str, Entry]) -> Document:
-    quantities = dict.fromkeys(q for kind in members("study.measurement") for q in _columns(kind))
+    kinds = [member("study.measurement", name) for name in members("study.measurement")]
+    quantities = dict.fromkeys(quantity for kind in kinds for quantity in kind.columns)
     choices = {
         key: words for name, e in entries.items() if name.startswith("measurement/") for key, words in e.choices.items()
     }
     clock = _table({"interval": _quantity("s"), "start": _quantity("s")}, ["interval"])
     described: dict[str, Document] = {
-        "name": _TEXT | {"description": "As reports call it; left out: the file's name."},
+        "name": _TEXT | {"description": "Name of the record in reports; the file's name if left out."},
         "file": _TEXT | {"description": "CSV, MATLAB, TDMS, HDF5 or an oscilloscope's; relative to the study."},
         "columns": _table(dict.fromkeys(quantities, _NAME), description="Channel of each quantity."),
         "channel": _NAME | {"description": "Channel of what is measured."},
         "time": {"anyOf": [*_NAME["anyOf"], clock], "description": "Channel of the times, or their interval."},
-        "units": _table(dict.fromkeys([*quantities, "voltage"], _TEXT), description="Where the file tells none."),
-        "scale": _quantity("", 'What the channel is multiplied with, such as "0.5 um/V", or -1.'),
-        "decimal": {"enum": [",", "."], "description": "Of a text; left out: told by the file."},
+        "units": _table(
+            dict.fromkeys([*quantities, "voltage"], _TEXT), description="Units that the file does not say."
+        ),
+        "scale": _quantity("", 'Factor of the channel\'s numbers, such as "0.5 um/V", or -1.'),
+        "decimal": {"enum": [",", "."], "description": "Decimal sign of a text; if left out, it is found in the file."},
         "measures": _chosen(entries, "measurement"),
         "role": {"enum": ["fit", "validate"], "description": "Fitted, or only predicted and compared."},
-        "noise": _quantity("", "Standard deviation; left out: estimated."),
+        "noise": _quantity("", "Standard deviation of the noise; if left out, it is estimated."),
         "offset": _quantity("", 'Zero of the sensor, or "free" (default).'),
-        "window": _PAIR | {"items": _quantity("s"), "description": "Part that is kept, on the file's clock."},
+        "window": _PAIR
+        | {"items": _quantity("s"), "description": "Part of the record that is kept, on the file's clock."},
         "exclude": {"type": "array", "items": _PAIR | {"items": _quantity("s")}, "description": "Parts left out."},
-        "held": {
-            "type": "integer",
-            "minimum": 2,
-            "description": "Samples for which the sensor shows each value.",
-        },
+        "held": {"type": "integer", "minimum": 2, "description": "Samples for which the sensor shows each value."},
         "decimate": {"type": "integer", "minimum": 2, "description": "Keeps every so many samples, low-passed."},
         "start": _quantity("s", "When the drive starts on the file's clock."),
         "drive": _drive(entries),
         "resolution": _quantity("", "Step in which the sensor counts."),
         "sampling": {
             "type": ["object", "array"],
-            "description": "Of a record to be made: start, end, interval; or a list of such windows.",
+            "description": "Sample times of a record to be made: start, end, interval; or a list of such windows.",
         },
         "conditioning": {"description": "What the drive did before t = 0: cycles, or a time for which it was held."},
-        "conditions": {"type": "array", "items": _TEXT, "description": "Under which parameters@condition hold."},
+        "conditions": {
+            "type": "array",
+            "items": _TEXT,
+            "description": "Conditions under which it was made, as in path@condition.",
+        },
         **{key: {"enum": words} for key, words in choices.items()},
     }
     described["offset"]["anyOf"].append({"const": "free"})
@@ -199,34 +191,28 @@ def _record(entries: Mapping[str, Entry]) -> Document:
 
 def _design() -> Document:
     """What the next records may be: of `pdssjax design`."""
-    lists = ("kinds", "waveforms", "voltage", "frequency", "duty", "amplitude")
-    tables = ("noise", "correlation_time", "range", "rig")
-    kinds: dict[str, Document] = {key: {"type": "array"} for key in lists} | {key: {"type": "object"} for key in tables}
-    budget = _table({key: {"type": "number", "description": "Of all records."} for key in BUDGET_KEYS})
-    keys = {key: kinds.get(key, _quantity("")) | {"description": text} for key, text in DESIGN_KEYS.items()}
-    keys["budget"] = budget | {"description": DESIGN_KEYS["budget"]}
+    types = {key: {"type": "array"} for key in ("kinds", "waveforms", "voltage", "frequency", "duty", "amplitude")}
+    types |= {key: {"type": "object"} for key in ("noise", "correlation_time", "range", "rig")}
+    types["budget"] = _table(
+        {key: {"type": "number", "description": "For all records together."} for key in BUDGET_KEYS}
+    )
+    keys = {key: types.get(key, _quantity("")) | {"description": text} for key, text in DESIGN_KEYS.items()}
     return _table(keys, description="What rig, sensor and recorder can do, for the next records.")
-
-
-def _columns(kind: str) -> Mapping[str, str]:
-    return member("study.measurement", kind).columns
 
 
 def _drive(entries: Mapping[str, Entry]) -> Document:
     """One table for each waveform; `waveform` says which."""
     tables = []
-    for name, entry in entries.items():
-        family, _, waveform = name.partition("/")
-        if family != "drive":
-            continue
+    for waveform in members("drive"):
+        entry = entries[f"drive/{waveform}"]
         keys: dict[str, Document] = {"waveform": {"const": waveform, "description": entry.summary}}
-        keys |= {field: _quantity(declared.unit, told) for field, (declared, told) in entry.parameters.items()}
+        keys |= {field: _quantity(declared.unit, meaning) for field, (declared, meaning) in entry.parameters.items()}
         keys |= {field: {"enum": words} for field, words in entry.choices.items()}
         keys["hold"] = _quantity("s", "Interval of a converter's staircase.")
         # Other numbers that are left out the study's parameters may tell.
-        needed = ["waveform", *(["frequency"] if "frequency" in entry.parameters else [])]
+        needed = ["waveform"] + ["frequency"] * ("frequency" in entry.parameters)
         if waveform == "sampled":
-            keys |= {key: {"description": "Where the voltages are."} for key in SAMPLED_KEYS}
+            keys |= {key: {"description": text} for key, text in SAMPLED_KEYS.items()}
             needed.append("column")
         tables.append(_table(keys, needed))
     return {"type": "object", "oneOf": tables, "description": "The voltage on the piezo."}

@@ -7,23 +7,13 @@ import dataclasses
 import math
 import sys
 import tomllib
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..core import Document, InputError, member, members
-from ..friction.base import AbstractFriction
 from ..integration import SOLVERS
 from ..piezo import DYNAMICS, HYSTERESES, MOST, Composition
 from ..piezo.base import AbstractPiezo
-from ..study import (
-    Parameter,
-    Record,
-    Study,
-    drive_with,
-    paths_in,
-    shared_fields,
-    split_path,
-)
+from ..study import Record, Study, drive_with, paths_in, shared_fields, split_path
 from .parameter_table import read_constraints, read_parameters
 from .record_table import read_record
 from .toml_table import Table
@@ -33,15 +23,7 @@ FORMAT = "pdssjax-study/1"
 STATES = ["deflection", "force"]
 """Readings of the direction-dependent law, as a study names them."""
 
-_UNUSED = "coulomb"
-"""The contact law that stands where nothing of a study touches a contact."""
-
 _STACKS = 'a name such as "second-order", or a table such as { dynamics = "static", hysteresis = { law = "play" } }'
-
-_ELEMENTS = 8
-"""Elements of play or Maxwell slip, where a study does not say."""
-
-_CREEP = 3
 
 
 def load_study(path: str | Path, virtual: bool = False) -> Study:
@@ -55,17 +37,23 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     """
     path = Path(path)
     top = Table(read_toml(path), str(path))
-    _check_format(top)
+    found = top.text("format", f'"{FORMAT}"')
+    if found != FORMAT:
+        raise InputError(f'{top.at("format")}: found "{found}", expected "{FORMAT}".')
     top.only(["format", "title", "solver", "actuator", "parameters", "constraints", "record", "design"])
     actuator = top.table("actuator", 'a table with "piezo" and "friction"')
     actuator.only(["piezo", "friction", "friction_state", "feedback", "rests_under_load"])
     piezo = _read_piezo(actuator)
     records = _read_records(top, path.parent, virtual, piezo.has_steady_state)
+    # A study whose records show the platform alone need not name a contact law: any law does.
+    alone = bool(records) and all(record.measurement.platform_alone for record in records)
+    may_lack = alone and "friction" not in actuator.entries and actuator.entries.get("feedback") is not True
+    law = actuator.option("friction", members("friction"), *(["coulomb"] if may_lack else []))
     study = Study(
         title=top.text("title", "a text", path.stem),
         path=path,
         piezo=piezo,
-        friction=_read_friction(actuator, records),
+        friction=member("friction", law),
         friction_state=actuator.option("friction_state", STATES, STATES[0]),
         feedback=actuator.get("feedback", bool, "true or false", False),
         parameters={},
@@ -78,7 +66,15 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     _check_durations(top, study)
     _check_jumps(top, study)
     _check_measurements(top, study)
-    _check_samples(top, study)
+    fitted = [record for record in study.records if record.role == "fit"]
+    samples = sum(record.time.size for record in fitted)
+    free = sum(parameter.free for parameter in study.parameters.values())
+    offsets = sum(record.offset is None for record in fitted)
+    if fitted and samples < free + offsets:
+        raise InputError(
+            f"{top.where}: found {samples} samples to fit, "
+            f"expected at least as many as there are unknowns: {free} free parameters and {offsets} offsets."
+        )
     return study
 
 
@@ -96,20 +92,6 @@ def read_toml(path: Path) -> Document:
         raise InputError(f"{path}: found {error.reason} at byte {error.start}, expected UTF-8 text.") from None
     except (ValueError, RecursionError) as error:  # beside syntax: integers and nesting beyond what Python reads
         raise InputError(f"{path}: found no valid TOML: {error}.") from None
-
-
-def _read_friction(actuator: Table, records: Sequence[Record]) -> type[AbstractFriction]:
-    """The contact law; a study whose records show the platform alone need not name one."""
-    alone = bool(records) and all(record.measurement.platform_alone for record in records)
-    needed = not alone or actuator.entries.get("feedback") is True
-    default = () if needed or "friction" in actuator.entries else (_UNUSED,)
-    return member("friction", actuator.option("friction", members("friction"), *default))
-
-
-def _check_format(top: Table) -> None:
-    found = top.text("format", f'"{FORMAT}"')
-    if found != FORMAT:
-        raise InputError(f'{top.at("format")}: found "{found}", expected "{FORMAT}".')
 
 
 def _read_records(top: Table, folder: Path, virtual: bool, settles: bool) -> tuple[Record, ...]:
@@ -159,11 +141,14 @@ def _check_jumps(top: Table, study: Study) -> None:
             "this piezo."
         )
     amplified = any(path.startswith("amplifier.") for path in study.parameters)
+    # A rise or fall time that is free is not zero.
+    numbers = {path: sys.float_info.min if p.value is None else p.value for path, p in study.parameters.items()}
     for record in study.records:
         where, measurement = f'{top.where}: record "{record.name}": drive', record.measurement
         if record.drive is None:
             continue
-        jumps = _jumps(record, study.parameters)
+        here = {base: numbers[path] for base, path in paths_in(numbers, record.conditions).items()}
+        jumps = drive_with(record, here).has_jumps()
         if jumps and not amplified and measurement.at_a_jump():
             raise InputError(
                 f"{where}: found a voltage that jumps, expected a fall or rise time above 0 or an amplifier: "
@@ -190,30 +175,8 @@ def _check_measurements(top: Table, study: Study) -> None:
             raise InputError(f'{top.where}: record "{record.name}": {wrong}.')
 
 
-def _jumps(record: Record, parameters: Mapping[str, Parameter]) -> bool:
-    """Whether the voltage of a record has jumps; a time that is free is not zero."""
-    numbers = {path: sys.float_info.min if p.value is None else p.value for path, p in parameters.items()}
-    here = {base: numbers[path] for base, path in paths_in(numbers, record.conditions).items()}
-    return drive_with(record, here).has_jumps()
-
-
-def _check_samples(top: Table, study: Study) -> None:
-    fitted = [record for record in study.records if record.role == "fit"]
-    samples = sum(record.time.size for record in fitted)
-    parameters = sum(parameter.free for parameter in study.parameters.values())
-    offsets = sum(record.offset is None for record in fitted)
-    if fitted and samples < parameters + offsets:
-        raise InputError(
-            f"{top.where}: found {samples} samples to fit, "
-            f"expected at least as many as there are unknowns: {parameters} free parameters and {offsets} offsets."
-        )
-
-
 def _read_piezo(actuator: Table) -> type[AbstractPiezo]:
-    """The class that the key "piezo" of the table [actuator] describes.
-
-    **Raises:** `InputError` for what is unknown, missing or out of range.
-    """
+    """The class that the key "piezo" of the table [actuator] describes."""
     if not isinstance(actuator.entries.get("piezo"), dict):
         actuator.get("piezo", str, _STACKS)
         return member("piezo", actuator.option("piezo", members("piezo")))
@@ -223,26 +186,24 @@ def _read_piezo(actuator: Table) -> type[AbstractPiezo]:
     if "modes" in table.entries and dynamics != "rod":
         raise InputError(f'{table.at("modes")}: found modes of "{dynamics}" dynamics, expected them of a "rod" only.')
     made = Composition(dynamics, "none", 0, 1, 0, _count(table, "modes", 1))
-    made = _with_hysteresis(table, made) if "hysteresis" in table.entries else made
+    if "hysteresis" in table.entries:
+        given, example = table.entries["hysteresis"], 'a table such as { law = "play", elements = 8, asymmetry = 3 }'
+        is_name = isinstance(given, str)
+        ceramic = Table({"law": given}, f"{table.where}: hysteresis") if is_name else table.table("hysteresis", example)
+        ceramic.only(["law", "elements", "asymmetry"])
+        law = ceramic.option("law", HYSTERESES)
+        has_elements = law in ("play", "maxwell-slip")
+        if "elements" in ceramic.entries and not has_elements:
+            raise InputError(
+                f'{ceramic.at("elements")}: found elements of "{law}", expected them of play or maxwell-slip.'
+            )
+        elements = _count(ceramic, "elements", 8) if has_elements else 0
+        made = made._replace(hysteresis=law, elements=elements, asymmetry=_count(ceramic, "asymmetry", 1))
     if "creep" in table.entries:
         creep = table.table("creep", "a table such as { elements = 3 }")
         creep.only(["elements"])
-        made = made._replace(creep=_count(creep, "elements", _CREEP, "creep"))
+        made = made._replace(creep=_count(creep, "elements", 3, "creep"))
     return member("piezo", f"composed:{made.text}")
-
-
-def _with_hysteresis(table: Table, made: Composition) -> Composition:
-    if isinstance(table.entries["hysteresis"], str):
-        table = Table({"law": table.entries["hysteresis"]}, f"{table.where}: hysteresis")
-    else:
-        table = table.table("hysteresis", 'a table such as { law = "play", elements = 8, asymmetry = 3 }')
-    law = table.option("law", HYSTERESES)
-    elements = ["elements"] if law in ("play", "maxwell-slip") else []
-    if "elements" in table.entries and not elements:
-        raise InputError(f'{table.at("elements")}: found elements of "{law}", expected them of play or maxwell-slip.')
-    table.only(["law", "elements", "asymmetry"])
-    many = _count(table, "elements", _ELEMENTS) if elements else 0
-    return made._replace(hysteresis=law, elements=many, asymmetry=_count(table, "asymmetry", 1))
 
 
 def _count(table: Table, key: str, default: int, what: str = "") -> int:

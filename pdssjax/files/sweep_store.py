@@ -19,7 +19,7 @@ import json
 import shutil
 import tempfile
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -41,20 +41,8 @@ SWEEP_STORE = "points.zarr"
 PENDING, DONE, FAILED = 0, 1, 2
 """Status of a block."""
 
-_REASON = 200
-"""Bytes kept of why a block failed."""
-
-_DIGEST = 32
-"""Bytes of the digest of a block."""
-
-_LISTED = 8
-"""Blocks that a message names."""
-
-_NEEDED = (3, 1, 6)
-"""The version of Zarr from which on it writes by renaming."""
-
-_FILE = 4096
-"""Bytes that a file takes at least on most disks."""
+_REASON, _DIGEST = 200, 32
+"""Bytes of a block's array that say why it failed; bytes of its digest."""
 
 Group: TypeAlias = Any
 """A `zarr.Group`; zarr is loaded where it is used, and need not be installed."""
@@ -81,7 +69,7 @@ class SweepStore(AbstractBlockStore):
         self._lock.enter_context(file_lock(beside, self.place, _unfinished_prefix(self.place)))
         if self.place.exists() and not self.resume:
             shutil.rmtree(self.place)
-        with _refusing_damage(self.place):
+        try:
             if self.place.exists():
                 plan = _plan_to_resume(self.place, _open_group(self.place), document, plan)
             else:
@@ -90,12 +78,17 @@ class SweepStore(AbstractBlockStore):
             _check_arrays(self._group, columns_of(document), plan)
             _, damaged = self._read_verified()
             if damaged:
-                told = (
-                    f"{_name_blocks(damaged)} what was stored does not match its digest, or has none; computed again."
-                )
-                warnings.warn(f"{self.place}: {told}", InputWarning, 3)
+                message = "what was stored does not match its digest, or has none; computed again."
+                warnings.warn(f"{self.place}: {_name_blocks(damaged)} {message}", InputWarning, 3)
             done = self._status() == DONE
             return plan, [number for number in range(plan.blocks) if number in damaged or not done[number]]
+        except InputError:
+            raise
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise InputError(
+                f"{self.place}: found a damaged store of a sweep ({error}), expected one that pdssjax made; begin anew "
+                "with --overwrite."
+            ) from None
 
     def close(self) -> None:
         self._lock.close()
@@ -135,10 +128,10 @@ class SweepStore(AbstractBlockStore):
         return rows
 
     def fail(self, number: int, reason: str) -> None:
-        told = np.zeros(_REASON, np.uint8)
+        padded = np.zeros(_REASON, np.uint8)
         text = reason.encode()[:_REASON]
-        told[: len(text)] = np.frombuffer(text, np.uint8)
-        self._group["reason"][number] = told
+        padded[: len(text)] = np.frombuffer(text, np.uint8)
+        self._group["reason"][number] = padded
         self._group["status"][number] = FAILED
 
     def read(self) -> Float[np.ndarray, "points columns"]:
@@ -147,8 +140,8 @@ class SweepStore(AbstractBlockStore):
         missing[list(damaged)] = True
         rows[np.repeat(missing, self._plan.lanes)[: len(rows)]] = blank(1, rows.shape[1])
         if damaged:
-            told = "what was stored does not match its digest and is left out; go on with --resume."
-            warnings.warn(f"{self.place}: {_name_blocks(damaged)} {told}", InputWarning, 3)
+            message = "what was stored does not match its digest and is left out; go on with --resume."
+            warnings.warn(f"{self.place}: {_name_blocks(damaged)} {message}", InputWarning, 3)
         return rows
 
     def _status(self) -> Int[np.ndarray, " blocks"]:
@@ -162,24 +155,10 @@ class SweepStore(AbstractBlockStore):
         return {int(number): text(self._group["reason"][number]) for number in failed}
 
 
-@contextlib.contextmanager
-def _refusing_damage(place: Path) -> Iterator[None]:
-    """Turn whatever a damaged store at `place` raises into an `InputError` of one line."""
-    try:
-        yield
-    except InputError:
-        raise
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise InputError(
-            f"{place}: found a damaged store of a sweep ({error}), expected one that pdssjax made; begin anew with "
-            "--overwrite."
-        ) from None
-
-
 def _name_blocks(blocks: set[int]) -> str:
     """Blocks in words, as a message begins."""
-    first = ", ".join(map(str, sorted(blocks)[:_LISTED]))
-    more = f" and {len(blocks) - _LISTED} more" if len(blocks) > _LISTED else ""
+    first = ", ".join(map(str, sorted(blocks)[:8]))
+    more = f" and {len(blocks) - 8} more" if len(blocks) > 8 else ""
     return f"of block{'s' * (len(blocks) > 1)} {first}{more}"
 
 
@@ -194,19 +173,19 @@ def check_zarr() -> None:
         found = importlib.metadata.version("zarr")
     except importlib.metadata.PackageNotFoundError:
         found = ""
-    version = tuple(int(part) for part in found.split(".")[:3] if part.isdigit())
-    if version < _NEEDED:
-        needed = ".".join(map(str, _NEEDED))
-        told = f"zarr {found}" if found else "no zarr"
+    # From 3.1.6 on it writes by renaming.
+    if tuple(int(part) for part in found.split(".")[:3] if part.isdigit()) < (3, 1, 6):
+        installed = f"zarr {found}" if found else "no zarr"
         raise InputError(
-            f"a sweep that can be resumed: found {told}, expected {needed} or later: \"pip install 'zarr>={needed}'\"."
+            f"a sweep that can be resumed: found {installed}, expected 3.1.6 or later: \"pip install 'zarr>=3.1.6'\"."
         )
 
 
 def bytes_needed(document: Document, plan: BlockPlan) -> int:
     """How much room [bytes] the store of a plan takes on the disk, at most."""
     rows = len(plan.order) * 8 * (columns_of(document) + plan.values.shape[1] + 1)
-    return rows + 4 * _FILE * plan.blocks + 20 * _FILE
+    # On most disks a file takes 4096 bytes at least.
+    return rows + 4096 * (4 * plan.blocks + 20)
 
 
 def check_room(document: Document, plan: BlockPlan, place: Path) -> None:
@@ -286,10 +265,7 @@ def _open_group(place: Path) -> Group:
 
 
 def _plan_to_resume(place: Path, group: Group, document: Document, plan: BlockPlan) -> BlockPlan:
-    """The plan of the store, which is `plan` or has the same points in other blocks; new points are made room for.
-
-    **Raises:** `InputError` that says what differs where the store is that of another sweep.
-    """
+    """The plan of the store, which is `plan` or has the same points in other blocks; new points are made room for."""
     other = differences(document, group.attrs["job"])
     points = int(group.attrs["points"])
     # Begun on a machine with other devices, it goes on in the blocks that it has.
@@ -303,20 +279,15 @@ def _plan_to_resume(place: Path, group: Group, document: Document, plan: BlockPl
             "another folder, or --overwrite."
         )
     if len(whole.order) > points:
-        _extend(group, whole, points)
+        if points % whole.lanes:
+            # New points fill this block up.
+            group["status"][points // whole.lanes] = PENDING
+        for name, array in _arrays(group["found"].shape[1], whole).items():
+            group[name].resize(array.shape)
+        group["values"][points:] = whole.values[points:]
+        group["order"][:] = whole.order
+        group.attrs["points"] = len(whole.order)  # last: an extension that is broken off leaves room at the end
     return whole
-
-
-def _extend(group: Group, plan: BlockPlan, points: int) -> None:
-    """Make room for the points of `plan` beyond the first `points`; how many there are is said last."""
-    if points % plan.lanes:
-        # New points fill this block up.
-        group["status"][points // plan.lanes] = PENDING
-    for name, array in _arrays(group["found"].shape[1], plan).items():
-        group[name].resize(array.shape)
-    group["values"][points:] = plan.values[points:]
-    group["order"][:] = plan.order
-    group.attrs["points"] = len(plan.order)
 
 
 def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
@@ -367,12 +338,11 @@ def _checksum(data: "xarray.Dataset") -> str:
         values = np.asarray(variable.values)
         digest.update(_canonical_text([name, variable.dims, variable.attrs]))
         # Formats keep integers in types of their own, and NaN has many forms.
-        numbers = values.astype("<f8") if values.dtype.kind in "iufb" else values.astype(str)
-        digest.update(
-            np.where(numbers != numbers, np.nan, numbers).tobytes()
-            if numbers.dtype.kind == "f"
-            else _canonical_text(numbers)
-        )
+        if values.dtype.kind in "iufb":
+            numbers = values.astype("<f8")
+            digest.update(np.where(np.isnan(numbers), np.nan, numbers).tobytes())
+        else:
+            digest.update(_canonical_text(values.astype(str)))
     return digest.hexdigest()
 
 

@@ -49,9 +49,17 @@ def _reduced_chi2(freedom: float, deviate: float) -> float:
     return float(max(1.0 - spread + deviate * np.sqrt(spread), 0.0) ** 3)
 
 
-def largest_by_chance(record: FittedRecord) -> float:
-    """Chi-square per degree of freedom of a record whose noise is given, from which it is worth a note."""
-    return max(EXCESS, highest_by_chance(_freedom(record)))
+def largest_by_chance(freedom: float) -> float:
+    """Chi-square per degree of freedom of one record, by the noise given, up to which an excess is nothing.
+
+    It may be chance, or too small to matter.
+    """
+    return max(EXCESS, highest_by_chance(freedom))
+
+
+def freedom_of(record: FittedRecord) -> float:
+    """Degrees of freedom that a fit has left of a record's samples: all of them where it is not known."""
+    return record.chi2 / record.reduced_chi2 if record.chi2 > 0.0 and record.reduced_chi2 > 0.0 else record.samples
 
 
 def exceeds_given_noise(record: FittedRecord) -> bool:
@@ -59,17 +67,12 @@ def exceeds_given_noise(record: FittedRecord) -> bool:
 
     False where no noise is given.
     """
-    return record.rest_chi2 > largest_by_chance(record)
+    return record.rest_chi2 > largest_by_chance(freedom_of(record))
 
 
 def stays_below_given_noise(record: FittedRecord) -> bool:
     """Whether chi-square by the noise given is too small for chance and below 1 / `EXCESS`."""
-    return record.reduced_chi2 < min(1.0 / EXCESS, lowest_by_chance(_freedom(record)))
-
-
-def _freedom(record: FittedRecord) -> float:
-    """Degrees of freedom that a fit has left of a record's samples: all of them where it is not known."""
-    return record.chi2 / record.reduced_chi2 if record.chi2 > 0.0 and record.reduced_chi2 > 0.0 else record.samples
+    return record.reduced_chi2 < min(1.0 / EXCESS, lowest_by_chance(freedom_of(record)))
 
 
 def above_floor(record: FittedRecord) -> float:

@@ -28,12 +28,6 @@ _NOTICEABLE = 2.0
 _LEAST = 1e-10
 """Share of the information below which a direction is undetermined."""
 
-_TESTED = 1e-6
-"""Share of the information below which a direction is not tested."""
-
-_MOVES = 1e-3
-"""Share of a parameter's standard error along undetermined directions above which its shift is not known."""
-
 
 class Score(NamedTuple):
     """Gradient and information of one record at the optimum, on the fit's scale."""
@@ -45,6 +39,11 @@ class Score(NamedTuple):
     variance: Float[np.ndarray, "p p"]
     """Covariance of the gradient."""
 
+    def along(self, directions: Float[np.ndarray, "p k"]) -> "Score":
+        """The score in these `directions`."""
+        gradient, *matrices = self
+        return Score(directions.T @ gradient, *(directions.T @ matrix @ directions for matrix in matrices))
+
 
 def score_of(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p"]) -> Score:
     """The score of one record, from its whitened residuals and their Jacobian.
@@ -54,7 +53,9 @@ def score_of(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p
     nor a contradiction for misfit.
     """
     information = jacobian.T @ jacobian
-    left = residual - jacobian @ (_inverse(information) @ (jacobian.T @ residual))
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=_LEAST, hermitian=True)
+    left = residual - jacobian @ (inverse / np.outer(scale, scale) @ (jacobian.T @ residual))
     squares = max(float(left @ left), 1e-300)
     correlation = min(max(float(left[1:] @ left[:-1]) / squares, 0.0), 0.99)
     variance_factor = max(squares / left.size, 1.0) * (1.0 + correlation) / (1.0 - correlation)
@@ -81,7 +82,7 @@ def agreement(
     records belong to it, but never all.
     """
     whitening = _whitening(np.sum([score.information for score in (*scores, prior)], axis=0))
-    whitened = [_whitened(score, whitening) for score in (*scores, prior)]
+    whitened = [score.along(whitening) for score in (*scores, prior)]
     return tuple(
         _of_group(whitened, np.append(inside, False), whitening, what, names, errors, paths)
         for (what, names), inside in groups.items()
@@ -94,15 +95,6 @@ def _whitening(everything: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p k"]
     values, vectors = np.linalg.eigh(everything / np.outer(scale, scale))
     kept = values > _LEAST * max(values[-1], 1e-300)
     return vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
-
-
-def _whitened(score: Score, whitening: Float[np.ndarray, "p k"]) -> Score:
-    """A score in the directions of `_whitening`."""
-    return Score(
-        whitening.T @ score.gradient,
-        whitening.T @ score.information @ whitening,
-        whitening.T @ score.variance @ whitening,
-    )
 
 
 def _of_group(
@@ -126,7 +118,8 @@ def _of_group(
     values, vectors = np.linalg.eigh(np.eye(size) - fraction)
     known = values > _LEAST
     shift = whitening @ (vectors[:, known] / values[known] @ (vectors[:, known].T @ score))
-    unknown = np.abs(whitening @ vectors[:, ~known]) > _MOVES * np.linalg.norm(whitening, axis=1)[:, None]
+    # Its part along undetermined directions may be a thousandth of a parameter's standard error.
+    unknown = np.abs(whitening @ vectors[:, ~known]) > 1e-3 * np.linalg.norm(whitening, axis=1)[:, None]
     shifts = np.where(np.any(unknown, axis=1), np.nan, shift / errors)
     return Agreement(names, what, _sigmas(score, variance), {p: float(s) for p, s in zip(paths, shifts, strict=True)})
 
@@ -138,7 +131,7 @@ def _sigmas(score: Float[np.ndarray, " k"], variance: Float[np.ndarray, "k k"]) 
     out.
     """
     values, vectors = np.linalg.eigh(variance)
-    kept = values > _TESTED
+    kept = values > 1e-6
     freedom = int(np.sum(kept))
     if not freedom:
         return 0.0
@@ -147,20 +140,11 @@ def _sigmas(score: Float[np.ndarray, " k"], variance: Float[np.ndarray, "k k"]) 
     return float(((statistic / freedom) ** (1.0 / 3.0) - (1.0 - spread)) / np.sqrt(spread))
 
 
-def _inverse(information: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """The inverse on the directions with information; empty where none has any."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    return np.linalg.pinv(information / np.outer(scale, scale), rcond=_LEAST, hermitian=True) / np.outer(scale, scale)
-
-
 TAKES_PART = 0.15
 """Exponent, against the largest, below which a parameter is left out of a product."""
 
 HALVED = 0.5
 """Share of its error below which a parameter has gained from what is known of another."""
-
-WORTH_MENDING = 0.05
-"""Relative standard error from which a parameter is worth a remedy."""
 
 
 def combinations(relative: Float[np.ndarray, "p p"], paths: tuple[str, ...]) -> tuple[Combination, ...]:
@@ -189,7 +173,7 @@ def best_remedy(relative: Float[np.ndarray, "p p"], paths: tuple[str, ...]) -> R
 
     If p_j were known exactly, the variance of p_i would fall by C_ij^2 / C_jj.
 
-    **Returns:** None where no parameter of an error worth it would lose half of that.
+    **Returns:** None where no parameter with an error of more than 5 % would lose half of that.
     """
     known = np.flatnonzero(np.isfinite(np.diag(relative)) & (np.diag(relative) > 0.0))
     matrix = relative[np.ix_(known, known)]
@@ -197,7 +181,7 @@ def best_remedy(relative: Float[np.ndarray, "p p"], paths: tuple[str, ...]) -> R
     best, gained = None, 0.0
     for j in range(known.size):
         left = np.sqrt(np.maximum(errors**2 - matrix[:, j] ** 2 / matrix[j, j], 0.0))
-        gains = [i for i in range(known.size) if i != j and errors[i] > WORTH_MENDING and left[i] < HALVED * errors[i]]
+        gains = [i for i in range(known.size) if i != j and errors[i] > 0.05 and left[i] < HALVED * errors[i]]
         gain = sum(float(np.log(errors[i] / max(left[i], 1e-3 * errors[i]))) for i in gains)
         if gain > gained:
             gained = gain
@@ -246,7 +230,8 @@ def record_groups(records: Sequence[Record]) -> dict[tuple[str, tuple[str, ...]]
     gathered = {("record", str(i)): [i] for i in range(count)}
     for i, record in enumerate(records):
         gathered.setdefault(("kind", record.measures), []).append(i)
-        if direction := _direction(record):
+        if record.drive is not None and (flanks := record.drive.flanks()) is not None:
+            direction = "forward" if float(flanks.slope) > 0.0 else "backward"  # of the slow flank
             gathered.setdefault(("direction", direction), []).append(i)
     groups = {}
     for (what, _), members in gathered.items():
@@ -254,9 +239,3 @@ def record_groups(records: Sequence[Record]) -> dict[tuple[str, tuple[str, ...]]
             names = tuple(records[i].name for i in members)
             groups[what, names] = np.isin(np.arange(count), members)
     return groups
-
-
-def _direction(record: Record) -> str:
-    """Where the slow flank of its drive leads; "" where it has none."""
-    flanks = None if record.drive is None else record.drive.flanks()
-    return "" if flanks is None else "forward" if float(flanks.slope) > 0.0 else "backward"

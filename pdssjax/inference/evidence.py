@@ -32,7 +32,7 @@ from jaxtyping import Bool, Float
 
 from ..metrics import outliers, unevenness
 from ..study import Statistics, Study, cycles_a_second, repeated_residuals
-from .beyond_noise import EXCESS, SIGNIFICANT, highest_by_chance, is_unresolved
+from .beyond_noise import SIGNIFICANT, highest_by_chance, is_unresolved, largest_by_chance
 from .covariance import NO_INFORMATION, least_squares_covariance, scaled_least_squares
 from .diagnosis import contradicting, records_agreement
 from .least_squares import Fit, by_record, evaluated, quiet
@@ -175,9 +175,18 @@ class Evidence:
         if not found.step.any():
             return fit.free
         there = np.clip(fit.free + found.step, *problem.bounds)
+
+        def squares_left(residual: Float[np.ndarray, " n"]) -> float:
+            """The sum of squares of the other samples, free zeros of records theirs."""
+            total = 0.0
+            for record, rows in zip(problem.records, problem.rows, strict=True):
+                left = residual[rows][~found.outlying[rows]]
+                zero = np.mean(left) if record.offset is None and left.size else 0.0
+                total += float(np.sum((left - zero) ** 2))
+            return total
+
         moved = np.asarray(evaluated(problem, there, quiet).state.residual)
-        left = [_squares_left(problem, np.asarray(r), ~found.outlying) for r in (moved, fit.state.residual)]
-        return there if left[0] < left[1] else fit.free
+        return there if squares_left(moved) < squares_left(np.asarray(fit.state.residual)) else fit.free
 
     # ------------------------------------------------------------------------------------------ more than noise
 
@@ -202,13 +211,16 @@ class Evidence:
         if not np.isfinite(self.fit.chi2):
             return True
         parts = [self.without_outliers.residual[rows] for rows in problem.rows]
-        if self._exceeds_given_noise(parts):
+        given = [part for part, is_given in zip(parts, self.noise_is_given, strict=True) if is_given]
+        estimated = [part for part, is_given in zip(parts, self.noise_is_given, strict=True) if not is_given]
+        if self._exceeds_given_noise(given):
             return True
-        judged = [
-            (record, part)
-            for record, part, noise in zip(problem.records, parts, problem.noise, strict=True)
-            if not is_unresolved(float(noise) * _root_mean_square(part), record.measured, record.noise)
-        ]
+        judged = []
+        for record, part, noise in zip(problem.records, parts, problem.noise, strict=True):
+            finite = part[np.isfinite(part)]
+            rms = float(noise * np.sqrt(np.mean(finite**2))) if finite.size else 0.0
+            if not is_unresolved(rms, record.measured, record.noise):
+                judged.append((record, part))
         samples = sum(int(np.sum(np.isfinite(part))) for _, part in judged)
         products = sum(np.nansum(part[1:] * part[:-1]) for _, part in judged)
         squares = sum(np.nansum(part**2) for _, part in judged)
@@ -217,33 +229,25 @@ class Evidence:
         sigmas = [found.sigmas for found in repeated if found is not None]
         if sum(sigmas) > SIGNIFICANT * np.sqrt(len(sigmas)):
             return True
-        if not (correlation * np.sqrt(samples) > SIGNIFICANT or self._exceeds_estimated_noise(parts)):
+        too_large = bool(estimated) and not self._scatter(estimated)[0] < _POOR
+        if not (correlation * np.sqrt(samples) > SIGNIFICANT or too_large):
             return False
         uneven = [unevenness(part, record.time) for record, part in judged]
         return max(uneven, default=np.inf) > SIGNIFICANT or sum(uneven) > SIGNIFICANT * np.sqrt(len(uneven))
 
     def _exceeds_given_noise(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
-        """Whether residuals exceed the noise given in size: those of any record, or of all together; without NaN.
+        """Whether residuals of records whose noise is given exceed it: those of any record, or of all together.
 
-        Each record by itself, too: many samples that are explained hide what others leave.
+        Each record by itself, too: many samples that are explained hide what others leave.  NaN does not count.
         """
-        given = [part for part, is_given in zip(parts, self.noise_is_given, strict=True) if is_given]
-        if not given:
+        if not parts:
             return False
         efficiency = self.problem.residual.loss.scatter_efficiency
-        variance, freedom = self._scatter(given)
-        if not variance < highest_by_chance(efficiency * freedom):
-            return True
-        for part in given:
-            variance, freedom = self._scatter([part])
-            if not variance < max(highest_by_chance(efficiency * freedom), EXCESS):
-                return True
-        return False
-
-    def _exceeds_estimated_noise(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
-        """Whether residuals of records whose noise is not given exceed in size what was estimated; without NaN."""
-        found = [part for part, is_given in zip(parts, self.noise_is_given, strict=True) if not is_given]
-        return bool(found) and not self._scatter(found)[0] < _POOR
+        variance, freedom = self._scatter(parts)
+        each = [self._scatter([part]) for part in parts]
+        return not variance < highest_by_chance(efficiency * freedom) or any(
+            not variance < largest_by_chance(efficiency * freedom) for variance, freedom in each
+        )
 
     def _scatter(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> tuple[float, float]:
         """The variance of residuals, as the loss has it, and their degrees of freedom; without NaN."""
@@ -291,39 +295,26 @@ class Evidence:
         )
 
 
-def _root_mean_square(part: Float[np.ndarray, " samples"]) -> float:
-    """The root mean square of the residuals that are not NaN; 0 where all are."""
-    finite = part[np.isfinite(part)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0
-
-
 def fit_without_outliers(problem: Problem, fit: Fit) -> WithoutOutliers:
     """The `fit` without the samples that stand out, by the linear model."""
     residual = np.asarray(fit.state.residual)
     out, step = _outlying(problem, residual), np.zeros(fit.free.size)
     if not out.any() or problem.residual.loss.is_robust:
         return WithoutOutliers(out, np.where(out, np.nan, residual), step)
-    columns = _columns(problem, fit)
+    # What the fit is free to change: parameters that are not at bounds, and the free zeros.
+    jacobian = np.asarray(fit.state.jacobian) * ~problem.residual.transform.at_bound(fit.free)
+    columns = np.column_stack([jacobian, zero_columns(problem, len(jacobian))])
+    best_step = lambda used: -scaled_least_squares(columns[used], residual[used], NO_INFORMATION)
     # The difference of two steps: that with all samples is 0 only where the fit ended in an optimum.
-    whole, rest = _step(columns, residual, np.ones(out.size, bool)), residual
+    whole, rest = best_step(np.ones(out.size, bool)), residual
     for _ in range(_ROUNDS):
-        turn = _step(columns, residual, ~out) - whole
+        turn = best_step(~out) - whole
         rest, step = residual + columns @ turn, turn[: step.size]
         more = _outlying(problem, rest) | out
         if np.array_equal(more, out):
             break
         out = more
     return WithoutOutliers(out, np.where(out, np.nan, rest), step)
-
-
-def _squares_left(problem: Problem, residual: Float[np.ndarray, " n"], counted: Bool[np.ndarray, " n"]) -> float:
-    """The sum of squares of the samples `counted`, free zeros of records theirs."""
-    total = 0.0
-    for record, rows in zip(problem.records, problem.rows, strict=True):
-        left = residual[rows][counted[rows]]
-        zero = np.mean(left) if record.offset is None and left.size else 0.0
-        total += float(np.sum((left - zero) ** 2))
-    return total
 
 
 def _outlying(problem: Problem, roots: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
@@ -335,12 +326,6 @@ def _outlying(problem: Problem, roots: Float[np.ndarray, " n"]) -> Bool[np.ndarr
     return out
 
 
-def _columns(problem: Problem, fit: Fit) -> Float[np.ndarray, "n q"]:
-    """The Jacobian of what the fit is free to change: p columns, 0 of parameters at bounds, and the free zeros'."""
-    jacobian = np.asarray(fit.state.jacobian) * ~problem.residual.transform.at_bound(fit.free)
-    return np.column_stack([jacobian, zero_columns(problem, len(jacobian))])
-
-
 def zero_columns(problem: Problem, count: int) -> Float[np.ndarray, "n z"]:
     """The derivatives of `count` whitened residuals by the free zeros, in the noise of their records."""
     free = [rows for record, rows in zip(problem.records, problem.rows, strict=True) if record.offset is None]
@@ -348,10 +333,3 @@ def zero_columns(problem: Problem, count: int) -> Float[np.ndarray, "n z"]:
     for i, rows in enumerate(free):
         ones[rows, i] = 1.0
     return ones
-
-
-def _step(
-    columns: Float[np.ndarray, "n q"], residual: Float[np.ndarray, " n"], used: Bool[np.ndarray, " n"]
-) -> Float[np.ndarray, " q"]:
-    """The step that leaves the least of the `residual`, by the rows that are `used`."""
-    return -scaled_least_squares(columns[used], residual[used], NO_INFORMATION)

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
@@ -24,7 +24,7 @@ from ..core import (
     require_float64,
 )
 from ..integration import Accuracy, accuracy_with
-from ..study import OWN_MINIMISER, Estimate, Study, Values
+from ..study import OWN_MINIMISER, Estimate, Study
 from .draws import Drawing
 from .effort import Effort, effort_of
 from .evidence import Evidence
@@ -117,7 +117,8 @@ def identify(
     """
     require_float64("identify")
     begun = time.perf_counter()
-    _check_arguments(study, method, intervals, drawing, executor, accuracy, starts)
+    kinds = {"drawing": (drawing, Drawing), "executor": (executor, Executor), "accuracy": (accuracy, Accuracy)}
+    _check_arguments(study, method, intervals, executor, minimiser, starts, kinds)
     integrator = _integrator(study, accuracy, solver)
     stack = pick_peaks(study) if method == "peaks" else None
     identification = _Identification(
@@ -125,7 +126,6 @@ def identify(
         study=with_stack_held(study, stack.values) if stack else study,
         stack=stack,
         method=method,
-        run=_fit_method(method, minimiser),
         loss=_loss(loss, method, intervals),
         intervals=intervals,
         drawing=drawing or Drawing(),
@@ -150,7 +150,6 @@ class _Identification(NamedTuple):
     """The whole study, or its part with the stack held where that was picked from peaks."""
     stack: PickedStack | None
     method: Method
-    run: FitMethod
     loss: AbstractLoss
     intervals: Intervals
     drawing: Drawing
@@ -168,6 +167,16 @@ class _Identification(NamedTuple):
     begun: float
     """Time at which the identification began [s]."""
 
+    @property
+    def run(self) -> FitMethod:
+        """The function that fits by the method, with the minimiser if there is one; without, processes can take it."""
+        usual: FitMethod = sequential if self.method == "sequential" else joint
+        if self.minimiser is None:
+            return usual
+        return lambda problem, starts, report, limit=MAX_ITERATIONS: usual(
+            problem._replace(minimiser=self.minimiser), starts, report, limit
+        )
+
     def estimate(self) -> Estimate:
         """The estimate; **raises** `FitInterrupted` with the best so far where it is broken off."""
         best, done, estimate = BestPoint(), None, None
@@ -176,7 +185,11 @@ class _Identification(NamedTuple):
             done = Point(found.evidence.fit, found.evidence.problem, found.starts, 2)
             estimate = self._summary(done, not self.effort.compares, found.evidence)
             estimate = dataclasses.replace(estimate, multistart=found.multistart, effort=self.effort.name)
-            estimate = self._with_check(self._with_intervals(estimate, found.evidence), found.evidence)
+            estimate = self._with_intervals(estimate, found.evidence)
+            if self.referee is not None:
+                second = eqx.tree_at(lambda problem: problem.residual.accuracy, found.evidence.problem, self.referee)
+                second = second._replace(minimiser=self.minimiser)
+                estimate = with_check(estimate, found.evidence.fit, second, self.method, self.report)
             estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - self.begun)
         except KeyboardInterrupt as interrupt:
             point = done or best.point
@@ -246,35 +259,36 @@ class _Identification(NamedTuple):
             return with_posterior(estimate, evidence, *settings)
         return with_bootstrap(estimate, evidence, self.run, *settings)
 
-    def _with_check(self, estimate: Estimate, evidence: Evidence) -> Estimate:
-        """`estimate` with what a fit by another integrator differs by, where one is asked for."""
-        if self.referee is None:
-            return estimate
-        second = eqx.tree_at(lambda problem: problem.residual.accuracy, evidence.problem, self.referee)
-        second = second._replace(minimiser=self.minimiser)
-        return with_check(estimate, evidence.fit, second, self.method, self.report)
 
+def _check_arguments(
+    study: Study,
+    method: Method,
+    intervals: Intervals,
+    executor: Executor | None,
+    minimiser: Minimiser | None,
+    starts: int,
+    kinds: Mapping[str, tuple[object, type]],
+) -> None:
+    """**Raises** `InputError` for what is not of its kind or does not go together; warns of reversed signs.
 
-def _fit_method(method: Method, minimiser: Minimiser | None) -> FitMethod:
-    """The function that fits by a `method`, with `minimiser` if there is one."""
-    usual: FitMethod = sequential if method == "sequential" else joint
-    if minimiser is None:
-        return usual
+    **Arguments:** `kinds` are further arguments by name, each with its type, which may be None.
+    """
+    check_kind("study", study, Study, "load_study")
+    check_starts(starts)
+    for name, (given, kind) in kinds.items():
+        if given is not None:
+            check_kind(name, given, kind)
+    check_executor(executor)
     check_minimiser(minimiser)
-
-    def run(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
-        return usual(problem._replace(minimiser=minimiser), starts, report, limit)
-
-    return run
+    check_method(study, method)
+    check_intervals(intervals, method, executor)
+    warn_of_reversed_signs([record for record in study.records if record.role == "fit"])
 
 
 def _integrator(study: Study, accuracy: Accuracy | None, solver: Given) -> Accuracy:
-    """The accuracy or the solver that is given, else the study's accuracy."""
     if accuracy is not None and solver is not None:
         raise InputError("solver: found one beside an accuracy, expected one of both: Accuracy(method=...) says both.")
-    if accuracy is not None:
-        return accuracy
-    return study.accuracy if solver is None else accuracy_with(solver)
+    return accuracy or (study.accuracy if solver is None else accuracy_with(solver))
 
 
 def _loss(name: str, method: str, intervals: str) -> AbstractLoss:
@@ -295,31 +309,6 @@ _METHODS: dict[str, tuple[str, ...]] = {
     "posterior": ("joint",),
 }
 """The methods that have each kind of intervals; all have linear ones."""
-
-
-def _check_arguments(
-    study: Study,
-    method: Method,
-    intervals: Intervals,
-    drawing: object,
-    executor: Executor | None,
-    accuracy: object,
-    starts: int,
-) -> None:
-    """**Raises** `InputError` for what is not of its kind or does not go together; warns of reversed signs."""
-    check_kind("study", study, Study, "load_study")
-    check_starts(starts)
-    for name, given, kind in (
-        ("drawing", drawing, Drawing),
-        ("executor", executor, Executor),
-        ("accuracy", accuracy, Accuracy),
-    ):
-        if given is not None:
-            check_kind(name, given, kind)
-    check_executor(executor)
-    check_method(study, method)
-    check_intervals(intervals, method, executor)
-    warn_of_reversed_signs([record for record in study.records if record.role == "fit"])
 
 
 def has_intervals(method: Method, intervals: Intervals) -> bool:

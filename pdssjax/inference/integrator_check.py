@@ -43,7 +43,12 @@ def with_check(estimate: Estimate, fit: Fit, second: Problem, method: Method, re
         note = f"No check by {name}: the fit did not converge."
         return dataclasses.replace(estimate, notes=(*estimate.notes, note))
     report(f"fitting again by {name}")
-    again = _fitted_again(second, fit.free, method, report)
+    tell: Progress = lambda line: report(f"check: {line}")
+    if method == "sequential":
+        again = sequential(second, second.decode(fit.free), tell)
+    else:  # without the first phase of a joint fit, which would lead away from there
+        everything = np.ones(len(second.records), bool), np.ones(fit.free.size, bool)
+        again = fit_phase(second, fit.free, *everything, "all", tell)
     names = second.residual.transform
     ends = [names.in_si(names.own(_end(run))) for run in (fit, again)]
     errors = np.array([estimate.parameters[path].standard_error for path in names.paths])
@@ -56,15 +61,14 @@ def with_check(estimate: Estimate, fit: Fit, second: Problem, method: Method, re
         again.success,
         how_it_ended(second, again, values),
     )
-    return dataclasses.replace(estimate, check=check, notes=(*estimate.notes, *_notes(check)))
-
-
-def _fitted_again(problem: Problem, free: Float[np.ndarray, " p"], method: Method, report: Progress) -> Fit:
-    """The fit from the point `free`; a joint one without its first phase, which would lead away from there."""
-    tell: Progress = lambda line: report(f"check: {line}")
-    if method == "sequential":
-        return sequential(problem, problem.decode(free), tell)
-    return fit_phase(problem, free, np.ones(len(problem.records), bool), np.ones(free.size, bool), "all", tell)
+    notes = []
+    if check.largest is None or not check.converged:
+        notes = [f"The check says little, {check.sentence}."]
+    elif abs(check.largest[1]) > VISIBLE:
+        notes = [
+            f"Another integrator finds other numbers, {check.sentence}. One of the two is too coarse for these records."
+        ]
+    return dataclasses.replace(estimate, check=check, notes=(*estimate.notes, *notes))
 
 
 def _end(fit: Fit) -> Float[np.ndarray, " p"]:
@@ -75,14 +79,3 @@ def _end(fit: Fit) -> Float[np.ndarray, " p"]:
     if fit.ending != Ending.CONVERGED:
         return fit.free
     return fit.free + np.asarray(fit.state.proposed_step)
-
-
-def _notes(check: IntegratorCheck) -> list[str]:
-    """Notes of a check that the user must read."""
-    if check.largest is None or not check.converged:
-        return [f"The check says little, {check.sentence}."]
-    if abs(check.largest[1]) <= VISIBLE:
-        return []
-    return [
-        f"Another integrator finds other numbers, {check.sentence}. One of the two is too coarse for these records."
-    ]

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core import Document
 from ..integration import Accuracy
-from ..study import Multistart, Parameter, Record, Study
+from ..study import Multistart, Study
 from .draws import Drawing, reading, same_run
 from .effort import USUAL, Effort
 from .evidence import Evidence
@@ -57,29 +57,31 @@ def run_settings(
         "actuator": study.models.chosen,
         # Draws are kept without names.
         "order": [*study.parameters, *(record.name for record in study.records if record.role == "fit")],
-        "parameters": {path: _declared(parameter) for path, parameter in study.parameters.items()},
+        "parameters": {
+            path: {
+                "value": p.value,
+                "min": p.low,
+                "max": p.high,
+                "measured_apart": p.measured_apart and list(p.measured_apart),
+            }
+            for path, p in study.parameters.items()
+        },
         "constraints": [constraint.text for constraint in study.constraints] or None,
-        "records": {record.name: _measured(record) for record in study.records if record.role == "fit"},
-    }
-
-
-def _declared(parameter: Parameter) -> Document:
-    prior = None if parameter.measured_apart is None else list(parameter.measured_apart)
-    return {"value": parameter.value, "min": parameter.low, "max": parameter.high, "measured_apart": prior}
-
-
-def _measured(record: Record) -> Document:
-    samples = record.time, record.measured, record.motion
-    return {
-        "noise": record.noise,
-        "offset": record.offset,
-        "resolution": float(record.resolution),
-        "conditions": sorted(record.conditions),
-        "overrides": sorted(record.overrides),
-        "measures": record.measures,
-        "measurement": fingerprint(record.measurement),
-        "drive": fingerprint(record.drive),
-        "samples": fingerprint(samples),
+        "records": {
+            record.name: {
+                "noise": record.noise,
+                "offset": record.offset,
+                "resolution": float(record.resolution),
+                "conditions": sorted(record.conditions),
+                "overrides": sorted(record.overrides),
+                "measures": record.measures,
+                "measurement": fingerprint(record.measurement),
+                "drive": fingerprint(record.drive),
+                "samples": fingerprint((record.time, record.measured, record.motion)),
+            }
+            for record in study.records
+            if record.role == "fit"
+        },
     }
 
 
@@ -115,9 +117,17 @@ def restored_fit(
     report("going on around the fit that was kept")
     same_run(document, settings)
     with reading(drawing.store, "the fit"):
-        ending = _ending_of(document)
+        kinds = {"success": bool, "message": str, "iterations": int, "evaluations": int, "ending": int}
+        for key, kind in kinds.items():
+            if not isinstance(document[key], kind):
+                raise TypeError(f"{key} = {document[key]!r}")
+        ending = {key: document[key] for key in kinds} | {"ending": Ending(document["ending"])}
         starts = {path: float(number) for path, number in document["starts"].items()}
-        table = _table(document["multistart"])
+        table = None
+        if (multistart := document["multistart"]) is not None:
+            arrays = {name: np.array(value) for name, value in multistart.items() if name not in ("names", "ranges")}
+            ranges = {path: (low, high) for path, (low, high) in multistart["ranges"].items()}
+            table = Multistart(names=tuple(multistart["names"]), ranges=ranges, **arrays)
         free = _numbers(document, "free", sum(parameter.free for parameter in study.parameters.values()))
         noise = _numbers(document, "noise", len(settings["records"]))
     problem = pose(study, starts, accuracy, effort=effort)._replace(noise=noise)
@@ -125,30 +135,11 @@ def restored_fit(
     return FitAndStarts(Evidence(problem, fit, study), starts, table)
 
 
-_ENDED = {"success": bool, "message": str, "iterations": int, "evaluations": int, "ending": int}
-"""The entries that say how a fit ended, with their types."""
-
-
-def _ending_of(document: Document) -> Document:
-    for key, kind in _ENDED.items():
-        if not isinstance(document[key], kind):
-            raise TypeError(f"{key} = {document[key]!r}")
-    return {key: document[key] for key in _ENDED} | {"ending": Ending(document["ending"])}
-
-
 def _numbers(document: Document, key: str, size: int) -> np.ndarray:
     numbers = np.array(document[key], float)
     if numbers.shape != (size,) or not np.isfinite(numbers).all():
         raise ValueError(f"{key} = {document[key]!r} for {size} numbers")
     return numbers
-
-
-def _table(document: Document | None) -> Multistart | None:
-    if document is None:
-        return None
-    arrays = {name: np.array(value) for name, value in document.items() if name not in ("names", "ranges")}
-    ranges = {path: (low, high) for path, (low, high) in document["ranges"].items()}
-    return Multistart(names=tuple(document["names"]), ranges=ranges, **arrays)
 
 
 def fingerprint(value: object) -> str:

@@ -169,7 +169,7 @@ def fit_phase(
         free, steps, ended = minimised(problem.minimiser, problem.residual, free, weights, options, limit)
         # What remains is the word on where it ended, by the same tests as those of the package's own solver.
         spent, limit = spent + steps, 0
-    run, point, blank = _begun(problem, free, used, fitted)
+    run, point, blank = _start_run(problem, free, used, fitted)
     y, state = point, blank
     course: list[tuple[int, float]] = []
     for y, state in iterates(run, point, blank, limit):
@@ -178,7 +178,8 @@ def fit_phase(
             course.append((int(state.evaluations), chi2))
         taken = max(int(state.iterations), 1 - int(state.unevaluated))
         so_far = Fit(np.asarray(y), state, False, INTERRUPTED, taken, int(state.evaluations) + spent)
-        problem.watch(problem, used, so_far)
+        if problem.watch is not None:
+            problem.watch(problem, used, so_far)
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
     predicted = np.inf
     y, state = beside_kink(run, y, state)
@@ -225,7 +226,7 @@ def _slow(effort: Effort, course: Sequence[tuple[int, float]]) -> str:
     return MESSAGES[Ending.SLOW_STEPS].format(spent=after - before, gained=higher - lower, advice=effort.advice)
 
 
-def _begun(
+def _start_run(
     problem: Problem, free: Float[np.ndarray, " p"], used: Bool[np.ndarray, " records"], fitted: Bool[np.ndarray, " p"]
 ) -> tuple[Run, Float[np.ndarray, " p"], LMState]:
     """The run over the `fitted` parameters and the `used` records, the point where it starts, and its state there."""

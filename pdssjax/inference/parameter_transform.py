@@ -169,7 +169,8 @@ def transform_of(
     links = chained(parameters, constraints, where)
     free = [p for p in parameters.values() if p.free]
     logarithmic = np.array([p.quantity.positive for p in free], bool)
-    sizes = [p.standard_error or abs(starts[p.path]) or _typical(p) for p in free]
+    typical = lambda p: max(abs(bound) for bound in (p.low, p.high, 1e-3) if bound is not None)
+    sizes = [p.standard_error or abs(starts[p.path]) or typical(p) for p in free]
     unit = np.where(logarithmic, 1.0, sizes)
     low, high = (np.array(ends) for ends in zip(*(p.bounds(starts[p.path]) for p in free), strict=True))
     with np.errstate(divide="ignore"):
@@ -205,8 +206,3 @@ def _tied(alone: ParameterTransform, links: Sequence[Link], begun: Float[np.ndar
         else:
             low[child], high[child] = 0.0, max(alone.high[child] - equal, _ROOM)
     return dataclasses.replace(alone, ties=Ties(mixing, shift, tuple(links)), low=low, high=high)
-
-
-def _typical(parameter: Parameter) -> float:
-    """A size for a parameter that starts from zero."""
-    return max(abs(bound) for bound in (parameter.low, parameter.high, 1e-3) if bound is not None)

@@ -6,7 +6,7 @@ Any solver can take it; `pose_problem` makes it of a study.
 import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import numpy as np
@@ -23,22 +23,13 @@ from .initial_values.record_features import interval_of, noise_of, swing_of
 from .initial_values.search import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import Box, transform_of
-from .residual import Evaluator, Residual, prior_measurements
+from .prior import Prior
+from .residual import Evaluator, Residual
 from .solver.iterations import Linearised, OfFunction, Point
 from .solver.minimisers import Minimiser
 
-FitSoFar: TypeAlias = Any
-"""A `least_squares.Fit`, which stands above this module."""
-
-
-class Watch(Protocol):
-    """A callback after every iteration, with the problem, the records used, and the point of the run."""
-
-    def __call__(self, problem: "Problem", used: Bool[np.ndarray, " records"], fit: FitSoFar, /) -> None: ...
-
-
-def unwatched(problem: "Problem", used: Bool[np.ndarray, " records"], fit: object) -> None:
-    """Ignore the iteration."""
+Watch: TypeAlias = Callable[["Problem", Bool[np.ndarray, " records"], Any], None]
+"""A callback after every iteration, with the problem, the records used, and the `least_squares.Fit` so far."""
 
 
 @register_dataclass
@@ -55,7 +46,7 @@ class Problem:
     """The records fitted."""
     noise: Float[Array | np.ndarray, " records"]
     """Standard deviation of each, in its unit."""
-    watch: Watch = dataclasses.field(default=unwatched, metadata={"static": True})
+    watch: Watch | None = dataclasses.field(default=None, metadata={"static": True})
     minimiser: Minimiser | None = dataclasses.field(default=None, metadata={"static": True})
     """Another solver of optimistix that looks for the minimum in place of the package's own."""
     predictor: Predictor | None = None
@@ -66,7 +57,6 @@ class Problem:
     """After how many iterations and slow steps a run ends."""
 
     def _replace(self, **changes: Any) -> "Problem":
-        """The problem with other fields, as of a named tuple."""
         return dataclasses.replace(self, **changes)
 
     @property
@@ -77,9 +67,9 @@ class Problem:
 
     @property
     def rows_apart(self) -> slice:
-        """Where what was measured apart stands among the residuals, by `residual.priors`: behind the samples."""
+        """Where what was measured apart stands among the residuals, by `residual.prior`: behind the samples."""
         samples = sum(record.time.size for record in self.records)
-        return slice(samples, samples + len(self.residual.comparison.priors))
+        return slice(samples, samples + len(self.residual.comparison.prior.paths))
 
     @property
     def bounds(self) -> Box:
@@ -136,7 +126,6 @@ class Problem:
 
     @property
     def _evaluator(self) -> Evaluator | None:
-        """The compiled evaluation of the study; None for a problem of your own."""
         if self.predictor is None:
             return None
         residual = self.residual
@@ -197,16 +186,22 @@ SHORTEST = 1e-9
 """Least duration of a flank whose length is free [s]: as good as a jump."""
 
 
-def _with_lengths(study: Study) -> dict[str, Parameter]:
-    """The parameters, free flanks no shorter than `SHORTEST` where a jump is not their limit.
+def _bounded_parameters(study: Study) -> dict[str, Parameter]:
+    """The parameters, bounded by what the fitted records determine where the study gives no bound.
 
-    A flank of no length has the derivative of what is linear, not that of hysteresis or of an amplifier that slews.
+    Free flanks are no shorter than `SHORTEST` where a jump is not their limit: a flank of no length has the derivative
+    of what is linear, not that of hysteresis or of an amplifier that slews.
     """
-    if study.models.piezo.closed and "amplifier" not in study.models.parts:
-        return dict(study.parameters)
-    is_length = lambda p: p.path.startswith("drive.") and p.quantity.unit == "s" and p.bounds()[0] == 0.0
-    floored = lambda p: dataclasses.replace(p, low=SHORTEST) if p.free and is_length(p) else p
-    return {path: floored(parameter) for path, parameter in study.parameters.items()}
+    ranges, out = determinable_ranges(study), dict(study.parameters)
+    jumps = study.models.piezo.closed and "amplifier" not in study.models.parts
+    for path, p in study.parameters.items():
+        if p.free and not jumps and path.startswith("drive.") and p.quantity.unit == "s" and p.bounds()[0] == 0.0:
+            out[path] = dataclasses.replace(p, low=SHORTEST)
+        if path in ranges:
+            low = ranges[path].low if p.low is None else p.low
+            high = ranges[path].high if p.high is None else p.high
+            out[path] = dataclasses.replace(p, low=low, high=high) if low < high else p
+    return out
 
 
 def determinable_ranges(study: Study) -> dict[str, DeterminableRange]:
@@ -227,21 +222,12 @@ def determinable_ranges(study: Study) -> dict[str, DeterminableRange]:
     found = {f"piezo.{name}": within for name, within in study.models.piezo.determinable_ranges(shown).items()}
     out = {}
     for path, parameter in study.parameters.items():
-        within = found.get(path.partition(MARK)[0])
+        within, start = found.get(path.partition(MARK)[0]), parameter.start
         if within is not None and parameter.free:
-            start = parameter.start
-            reach = {} if start is None else {"low": min(within.low, start), "high": max(within.high, start)}
-            out[path] = within._replace(**reach)
+            if start is not None:
+                within = within._replace(low=min(within.low, start), high=max(within.high, start))
+            out[path] = within
     return out
-
-
-def _bounded(parameter: Parameter, within: DeterminableRange | None) -> Parameter:
-    """The `parameter`, bounded by the range that the records determine where the study gives no bound."""
-    if within is None:
-        return parameter
-    low = within.low if parameter.low is None else parameter.low
-    high = within.high if parameter.high is None else parameter.high
-    return dataclasses.replace(parameter, low=low, high=high) if low < high else parameter
 
 
 def pose(
@@ -254,12 +240,9 @@ def pose(
     """The fit of a study's records with role "fit", parameters scaled after their `starts`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
-    ranges = determinable_ranges(study)
-    parameters = {path: _bounded(parameter, ranges.get(path)) for path, parameter in _with_lengths(study).items()}
-    transform = transform_of(parameters, starts, study.constraints, str(study.path or study.title))
-    residual = Residual.of(
-        study.models, records, transform, fixed, accuracy, loss, prior_measurements(study.parameters)
-    )
+    transform = transform_of(_bounded_parameters(study), starts, study.constraints, str(study.path or study.title))
+    prior = Prior.measured_apart(study.parameters)
+    residual = Residual.of(study.models, records, transform, fixed, accuracy, loss, prior)
     samples = lambda residual: (residual.comparison.measured, residual.comparison.used)
     residual = eqx.tree_at(samples, residual, on_device(samples(residual)))
     noise = np.array([noise_of(record) for record in records])

@@ -31,7 +31,7 @@ def check_measured_once(records: Sequence[Record], where: object) -> None:
     """
     fitted = [record for record in records if record.role == "fit"]
     for earlier, later in itertools.combinations(fitted, 2):
-        if earlier.measurement == later.measurement and (shared := _shared(earlier, later)):
+        if earlier.measurement == later.measurement and (shared := _count_shared(earlier, later)):
             raise InputError(
                 f'{where}: record "{later.name}" ({later.file}): found {shared} of its {later.time.size} samples in '
                 f'record "{earlier.name}" ({earlier.file}), too, expected every sample once. Fitted twice they would '
@@ -40,17 +40,17 @@ def check_measured_once(records: Sequence[Record], where: object) -> None:
             )
 
 
-def _shared(earlier: Record, later: Record) -> int:
+def _count_shared(earlier: Record, later: Record) -> int:
     """How many samples two records have in common; 0 where they differ in any that could be."""
     if earlier.time.size == later.time.size and _equal(earlier.measured, later.measured):
         # Also where the clock of a copy was set anew.
-        return _informative(earlier.measured)
+        return _count_informative(earlier.measured)
     # On the clocks of the files, each up to a rounding.
     interval = float(np.median(np.diff(earlier.time))) if earlier.time.size > 1 else 1.0
     first, second = (np.round((r.time + r.start) / (1e-3 * interval)) for r in (earlier, later))
     _, here, there = np.intersect1d(first, second, return_indices=True)
     same = here.size and _equal(earlier.measured[here], later.measured[there])
-    return _informative(earlier.measured[here]) if same else 0
+    return _count_informative(earlier.measured[here]) if same else 0
 
 
 _ROUNDING = 1e-12
@@ -61,13 +61,9 @@ def _equal(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"]) -> bool
     return np.allclose(one, other, rtol=0.0, atol=_ROUNDING * np.max(np.abs(one), initial=0.0))
 
 
-def _informative(values: Float[np.ndarray, " n"]) -> int:
+def _count_informative(values: Float[np.ndarray, " n"]) -> int:
     """The number of samples; 0 of few, and of those that show nothing but rest."""
     return values.size if values.size >= _FEWEST and np.ptp(values) > 0 else 0
-
-
-_FEWEST_MOVING = 8
-"""Samples from which the direction of a record is judged."""
 
 
 def warn_of_reversed_signs(records: Sequence[Record]) -> None:
@@ -83,29 +79,23 @@ def about_signs(records: Sequence[Record]) -> list[str]:
 
 
 def _reversed_sign(record: Record) -> str | None:
-    if not (_has_direction(record) and _against(record)):
+    """What is wrong with a record that moves against its drive; None where it does not, or nothing tells."""
+    drive, alone = record.drive, record.measurement.platform_alone
+    if drive is None or record.measurement.unit != "m" or record.time.size < 8:
         return None
-    turned = " or the drive's direction is the other one" if _has_flanks(record) else ""
+    frequency, has_flanks = drive.cycle_frequency(), drive.flanks() is not None
+    # The platform may lag behind a wave, of which the voltage does not say which way it goes.
+    if not has_flanks and not (alone and frequency is None):
+        return None
+    samples = record.time, record.measured, voltages(record)
+    if alone or frequency is None:
+        is_reversed = goes_against(*samples)
+    else:
+        is_reversed = rides_against(*samples, 1.0 / float(frequency))
+    if not is_reversed:
+        return None
+    turned = " or the drive's direction is the other one" if has_flanks else ""
     return (
         f'record "{record.name}": found a motion against the voltage, expected one with it; the sensor counts the '
         f"other way (scale = -1 in the record turns it; where it has a scale, the other sign){turned}."
     )
-
-
-def _against(record: Record) -> bool:
-    samples = record.time, record.measured, voltages(record)
-    frequency = record.drive.cycle_frequency() if record.drive is not None else None
-    if frequency is None or not _has_flanks(record) or record.measurement.platform_alone:
-        return goes_against(*samples)
-    return rides_against(*samples, 1.0 / float(frequency))
-
-
-def _has_flanks(record: Record) -> bool:
-    return record.drive is not None and record.drive.flanks() is not None
-
-
-def _has_direction(record: Record) -> bool:
-    """Whether the voltage says which way a record goes; it does not where the platform may lag behind a wave."""
-    if record.drive is None or record.measurement.unit != "m" or record.time.size < _FEWEST_MOVING:
-        return False
-    return _has_flanks(record) or (record.measurement.platform_alone and record.drive.cycle_frequency() is None)

@@ -20,10 +20,11 @@ from jaxtyping import Array, Bool, Float
 
 from ..core import Count, Scalar, ScalarLike, Tree, Truth, kept_jit
 from ..integration import Accuracy
-from ..study import Models, Parameter, Predictor, Record, Values
+from ..study import Models, Predictor, Record, Values
 from .losses.base import AbstractLoss
 from .losses.squares import Squares
 from .parameter_transform import ParameterTransform
+from .prior import Prior
 
 
 class Comparison(eqx.Module):
@@ -35,26 +36,20 @@ class Comparison(eqx.Module):
     offsets: tuple[float | None, ...]
     """Given zeros of the sensors, each in its unit; None where free."""
     loss: AbstractLoss
-    priors: dict[str, Float[np.ndarray, "2"]]
-    """Number and standard error [SI] of each free parameter that was measured apart, by path in alphabetical order."""
+    prior: Prior
+    """What was measured apart of the free parameters [SI]."""
 
-    def __init__(
-        self,
-        records: Sequence[Record],
-        loss: AbstractLoss | None = None,
-        priors: Mapping[str, tuple[float, float]] | None = None,
-    ):
+    def __init__(self, records: Sequence[Record], loss: AbstractLoss | None = None, prior: Prior | None = None):
         self.measured = tuple(record.measured for record in records)
         self.used = tuple(np.ones(record.measured.size, bool) for record in records)
         self.offsets = tuple(record.offset for record in records)
         self.loss = Squares() if loss is None else loss
-        # In the order that JAX gives a dictionary: it is that of the residuals, compiled or not.
-        self.priors = {path: np.asarray(prior, float) for path, prior in sorted((priors or {}).items())}
+        self.prior = prior or Prior()
 
     @property
     def size(self) -> int:
         """How many residuals there are: samples of all records, then what was measured apart."""
-        return sum(measured.size for measured in self.measured) + len(self.priors)
+        return sum(measured.size for measured in self.measured) + len(self.prior.paths)
 
     def __call__(
         self,
@@ -85,13 +80,7 @@ class Comparison(eqx.Module):
             zero = self.loss.location(difference, weight) if offset is None else jnp.asarray(offset, float)
             parts.append(jnp.where(weight > 0, self.loss.root((difference - zero) * weight), 0.0))
             zeros.append(zero)
-        deviations = [(values[path] - number) / error for path, (number, error) in self.priors.items()]
-        return [*parts, jnp.asarray(deviations, float)], zeros
-
-
-def prior_measurements(parameters: Mapping[str, Parameter]) -> dict[str, tuple[float, float]]:
-    """Number and standard error [SI] of the parameters that were measured apart, by path."""
-    return {path: prior for path, p in parameters.items() if (prior := p.measured_apart) is not None}
+        return [*parts, self.prior.deviations(values)], zeros
 
 
 class Evaluated(NamedTuple):
@@ -166,7 +155,7 @@ def _evaluated(
     comparison, predictor, p = of.comparison, of.predictor, len(of.free)
     moving = {path: directions[i] for i, path in enumerate(of.free)}
     at = lambda row: {path: points[row, i] for i, path in enumerate(of.paths)}
-    prior_values = lambda values: {path: values[path] for path in comparison.priors}
+    prior_values = lambda values: {path: values[path] for path in comparison.prior.paths}
 
     def next_point(row: Count, so_far: Tree) -> Tree:
         values, (squares, _, memory, *_) = at(row), so_far
@@ -216,11 +205,11 @@ class Residual:
         fixed: Mapping[str, float],
         accuracy: Accuracy,
         loss: AbstractLoss | None = None,
-        priors: Mapping[str, tuple[float, float]] | None = None,
+        prior: Prior | None = None,
     ) -> "Residual":
         """Make the residual of these `records`; the parameters `fixed` are numbers [SI] by path."""
         numbers = {path: np.asarray(value, float) for path, value in fixed.items()}
-        return Residual(Predictor(models, records), Comparison(records, loss, priors), transform, numbers, accuracy)
+        return Residual(Predictor(models, records), Comparison(records, loss, prior), transform, numbers, accuracy)
 
     @property
     def loss(self) -> AbstractLoss:
@@ -228,9 +217,9 @@ class Residual:
         return self.comparison.loss
 
     @property
-    def priors(self) -> dict[str, Float[np.ndarray, "2"]]:
-        """Number and standard error [SI] of the free parameters that were measured apart, by path."""
-        return self.comparison.priors
+    def prior(self) -> Prior:
+        """What was measured apart of the free parameters."""
+        return self.comparison.prior
 
     @property
     def size(self) -> int:

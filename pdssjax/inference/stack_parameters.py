@@ -31,8 +31,8 @@ def stack_residuals(problem: Problem) -> Bool[np.ndarray, " n"]:
     """Which residuals the first of two steps uses: the platform's samples, and what was measured apart of the stack."""
     sizes = [record.time.size for record in problem.records]
     stack = dict(zip(problem.residual.transform.paths, stack_parameters(problem), strict=True))
-    priors = np.array([stack[path] for path in problem.residual.priors], bool)
-    return np.concatenate([np.repeat(platform_alone_records(problem.records), sizes), priors])
+    prior = np.array([stack[path] for path in problem.residual.prior.paths], bool)
+    return np.concatenate([np.repeat(platform_alone_records(problem.records), sizes), prior])
 
 
 def shown_by_platform(path: str, problem: Problem) -> bool:

@@ -20,15 +20,6 @@ from .initial_values.record_features import frequency_of, voltages
 _SINE = 0.01
 """Root mean square, over the amplitude, that a sine leaves of a voltage that is one."""
 
-_ALIKE = 0.01
-"""Relative difference of frequencies, or of amplitudes, below which they are one."""
-
-_HARMONICS = 60
-"""Largest number of harmonics of the drive in a steady motion."""
-
-_DETERMINED = 0.1
-"""Standard error on the fit's scale up to which a motion that is not steady determines a parameter."""
-
 ELECTRONICS = ("sensor.bandwidth", "sensor.delay", "amplifier.bandwidth")
 """Parameters that turn the phase, too."""
 
@@ -45,20 +36,8 @@ class Inseparable(NamedTuple):
     frequencies: tuple[float, ...]
     """The different frequencies of the drives [Hz]."""
 
-    @property
-    def known_numbers(self) -> int:
-        """How many numbers the records determine: a gain and a phase at each frequency."""
-        return 2 * len(self.frequencies)
-
-    @property
-    def unknown_numbers(self) -> int:
-        """How many numbers are to be found from these."""
-        return len(self.paths) + len(self.beside)
-
 
 class _Sine(NamedTuple):
-    """The sine of a voltage."""
-
     frequency: float
     """[Hz]"""
     amplitude: float
@@ -68,16 +47,14 @@ class _Sine(NamedTuple):
 def inseparable(evidence: Evidence) -> Inseparable | None:
     """Which parameters of a fit its records cannot tell apart, being steady sines; None where they can."""
     problem = evidence.problem
-    sines = [_sine(record) for record in problem.records]
-    if not sines or not np.isfinite(evidence.fit.chi2):
-        return None
-    known = [sine for sine in sines if sine is not None]
-    if len(known) < len(sines):
+    known = [sine for record in problem.records if (sine := _sine(record)) is not None]
+    if len(known) < len(problem.records) or not known or not np.isfinite(evidence.fit.chi2):
         return None
     piezo = problem.residual.predictor.models.piezo
     free = problem.residual.transform.paths
     bare = [path.partition(MARK)[0] for path in free]
-    turning = [path for path, name in zip(free, bare, strict=True) if _turns(name, piezo.mechanical)]
+    turns = {*ELECTRONICS, *(f"piezo.{name}" for name in piezo.mechanical)}
+    turning = [path for path, name in zip(free, bare, strict=True) if name in turns]
     lossy = any(name.removeprefix("piezo.") in piezo.hysteretic for name in bare if name.startswith("piezo."))
     frequencies = _distinct([sine.frequency for sine in known])
     # Loops of several sizes at one frequency tell hysteresis, which depends on the size, from damping.
@@ -92,17 +69,11 @@ def inseparable(evidence: Evidence) -> Inseparable | None:
     return Inseparable(left, tuple(beside), tuple(record.name for record in problem.records), tuple(frequencies))
 
 
-def _turns(path: str, mechanical: Sequence[str]) -> bool:
-    room, _, name = path.partition(".")
-    return path in ELECTRONICS or (room == "piezo" and name in mechanical)
-
-
 def _sine(record: Record) -> _Sine | None:
     """The sine that drives a platform seen alone through a whole record; None where another voltage does."""
     if record.drive is None or not record.measurement.platform_alone or record.time.size < 16:
         return None
-    volts = np.broadcast_to(voltages(record), record.time.shape)
-    return steady_sine(record.time, volts, frequency_of(record))
+    return steady_sine(record.time, voltages(record), frequency_of(record))
 
 
 def steady_sine(time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], frequency: float | None) -> _Sine | None:
@@ -130,36 +101,31 @@ def steady_sine(time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], f
 
 
 def _distinct(numbers: Sequence[float]) -> list[float]:
-    """The numbers, those that are nearly another left out."""
+    """The numbers, those that are another to a per cent left out."""
     kept: list[float] = []
     for number in sorted(numbers):
-        if not kept or number > (1.0 + _ALIKE) * kept[-1]:
+        if not kept or number > 1.01 * kept[-1]:
             kept.append(number)
     return kept
 
 
 def _determined_by_onset(evidence: Evidence, frequencies: Sequence[float]) -> set[str]:
-    """Paths of the free parameters that a motion determines that is not steady: the onset of a drive that dies away."""
+    """Paths of the free parameters that what is not steady, the onset of a drive, determines to ten per cent."""
     problem, jacobian = evidence.problem, np.asarray(evidence.fit.state.jacobian)
     if not np.isfinite(jacobian).all():
         return set()
     rest = jacobian.copy()
     for record, rows, frequency in zip(problem.records, problem.rows, frequencies, strict=True):
-        rest[rows] -= _steady_part(record.time, jacobian[rows], frequency)
+        # Without what repeats every cycle: harmonics of the drive, as many as the samples show.
+        time = record.time
+        cycle = 1.0 / (frequency * float(np.median(np.diff(time))))
+        harmonics = np.arange(1, int(min(60, 0.45 * cycle, time.size // 6)) + 1)
+        angle = 2.0 * np.pi * frequency * np.outer(time - time[0], harmonics)
+        base = np.column_stack([np.ones(time.size), np.cos(angle), np.sin(angle)])
+        rest[rows] -= base @ np.linalg.lstsq(base, jacobian[rows], rcond=None)[0]
     # What rounding leaves of a column tells nothing.
     rest[:, np.linalg.norm(rest, axis=0) < 1e-9 * np.linalg.norm(jacobian, axis=0)] = 0.0
     transform = problem.residual.transform
     known = least_squares_covariance(rest, transform.at_bound(evidence.fit.free))
     error = np.sqrt(np.diag(known.matrix) * max(1.0, evidence.reduced_chi2))
-    return {path for path, e in zip(transform.paths, error, strict=True) if e < _DETERMINED}
-
-
-def _steady_part(
-    time: Float[np.ndarray, " n"], columns: Float[np.ndarray, "n p"], frequency: float
-) -> Float[np.ndarray, "n p"]:
-    """The part of the `columns` that repeats every cycle."""
-    cycle = 1.0 / (frequency * float(np.median(np.diff(time))))
-    count = int(min(_HARMONICS, 0.45 * cycle, time.size // 6))
-    angle = 2.0 * np.pi * frequency * np.outer(time - time[0], np.arange(1, count + 1))
-    base = np.column_stack([np.ones(time.size), np.cos(angle), np.sin(angle)])
-    return base @ np.linalg.lstsq(base, columns, rcond=None)[0]
+    return {path for path, e in zip(transform.paths, error, strict=True) if e < 0.1}

@@ -31,17 +31,16 @@ from ..study import (
     failure_cause,
 )
 from .beyond_noise import exceeds_floor
-from .covariance import Covariance, correlation
+from .covariance import correlation
 from .diagnosis import contradicting, diagnose
 from .evidence import Evidence
 from .least_squares import START_FAILED, Fit, Method, by_record
 from .notes.of_fit import notes_of
-from .parameter_transform import ParameterTransform
 from .problem import Problem
 from .residual import free_offset
 from .stack_first.held_stack import with_stack_freed
 from .stack_first.peak_picking import PickedStack
-from .steady_sines import Inseparable, inseparable
+from .steady_sines import inseparable
 from .uncertainty.influence import amplification_of
 from .uncertainty.linear_intervals import linear_intervals, record_factors
 from .uncertainty.parameter_errors import StandardErrors, standard_errors_of
@@ -80,11 +79,16 @@ def summarise(
     free, loss = problem.residual.transform, problem.residual.loss
     values = {path: float(value) for path, value in {**starts, **free.decode(fit.free)}.items()}
     errors, mixed = standard_errors_of(method, evidence, stack), inseparable(evidence)
-    factor = errors.factor
-    weakly_determined, known, deviation = _determined(errors.known, free, mixed)
+    factor, known = errors.factor, errors.known
+    deviation = np.sqrt(np.diag(free.own_covariance(known.matrix)))
+    weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
+    # Nor has what constraints tie to a parameter without information, or what steady sines mix.
+    tied_to_unknown = known.identifiable & np.isnan(deviation)
+    silent = weakly_determined | tied_to_unknown | free.among(() if mixed is None else mixed.paths)
+    known, deviation = known._replace(identifiable=known.identifiable & ~silent), np.where(silent, np.nan, deviation)
     slopes = np.abs(free.slope(fit.free))
     parameters = _parameters(study, evidence, values, starts, errors, known.identifiable, deviation)
-    records = _compared(study, evidence, known.matrix, values, factor)
+    records = _beside_predictions(study, evidence, known.matrix, values, factor)
     diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
     if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
         diagnosis = dataclasses.replace(diagnosis, agreement=())
@@ -125,25 +129,6 @@ def summarise(
     return dataclasses.replace(estimate, notes=notes)
 
 
-def _determined(
-    known: Covariance, free: ParameterTransform, mixed: Inseparable | None
-) -> tuple[Bool[np.ndarray, " p"], Covariance, Float[np.ndarray, " p"]]:
-    """Which parameters hardly have any information, the covariance that says so, and the deviations of the others.
-
-    Parameters that steady sines mix have none either.
-    """
-    deviation = np.sqrt(np.diag(free.own_covariance(known.matrix)))
-    weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
-    tied_to_unknown = known.identifiable & np.isnan(deviation)
-    silent = (
-        weakly_determined
-        | tied_to_unknown
-        | (np.zeros_like(weakly_determined) if mixed is None else free.among(mixed.paths))
-    )
-    known = known._replace(identifiable=known.identifiable & ~silent)
-    return weakly_determined, known, np.where(silent, np.nan, deviation)
-
-
 def _verdict(
     evidence: Evidence, values: Mapping[str, float], unexplained: bool, stack: PickedStack | None
 ) -> tuple[bool, str]:
@@ -181,77 +166,79 @@ def _parameters(
 ) -> dict[str, FittedParameter]:
     """All parameters of a study, those free with their errors, intervals and pulls; `deviation` on their own scales."""
     fit, free, declared = evidence.fit, evidence.problem.residual.transform, study.bounded_parameters
-    nan, held, slopes = float("nan"), free.at_bound(fit.free), np.abs(free.slope(fit.free))
+    held, slopes = free.at_bound(fit.free), np.abs(free.slope(fit.free))
     bounds = {path: declared[path].bounds() for path in free.paths}
     intervals = linear_intervals(free.own(fit.free), deviation, errors.freedom, free, bounds)
     naive = None if errors.naive is None else np.sqrt(np.diag(free.own_covariance(errors.naive))) * slopes
-    out = {
-        path: FittedParameter(
+    out = {}
+    for path, p in declared.items():
+        i = free.paths.index(path) if path in free.paths else None
+        error = math.nan if i is None else float(deviation[i] * slopes[i])
+        known = i is None or bool(identifiable[i] or held[i])
+        out[path] = FittedParameter(
             path=path,
             value=values[path],
-            standard_error=nan,
-            interval=(nan, nan),
+            standard_error=error,
+            interval=(math.nan, math.nan),
             unit=p.unit,
             free=False,
             start=None,
             at_bound=False,
-            identifiable=True,
+            identifiable=known,
         )
-        for path, p in declared.items()
-    }
-    for i, path in enumerate(free.paths):
-        known, error = bool(identifiable[i] or held[i]), float(deviation[i] * slopes[i])
-        prior, pull = study.parameters[path].measured_apart, None
-        if prior is not None:
-            variance = nan if held[i] else error**2  # at a bound it is not where chance would have it
-            pull = measurement_with_pull(
-                prior, values[path], variance, float(slopes[i] ** 2 * errors.cov_with_prior[i])
-            )
+        if i is None:
+            continue
+        pull = None
+        if p.measured_apart is not None:
+            variance = math.nan if held[i] else error**2  # at a bound it is not where chance would have it
+            covariance = float(slopes[i] ** 2 * errors.cov_with_prior[i])
+            pull = measurement_with_pull(p.measured_apart, values[path], variance, covariance)
         out[path] = dataclasses.replace(
             out[path],
-            standard_error=error,
+            free=True,
+            start=starts[path],
+            at_bound=bool(held[i]),
             naive_standard_error=float(naive[i]) if naive is not None and known else None,
             interval=intervals[path],
             degrees_of_freedom=float(errors.freedom[i]),
             bounds=bounds[path],
-            free=True,
-            start=starts[path],
-            at_bound=bool(held[i]),
-            identifiable=known,
             measured_apart=pull,
         )
     return out
 
 
-def _compared(
+def _beside_predictions(
     study: Study, evidence: Evidence, matrix: Float[np.ndarray, "p p"], values: dict[str, float], factor: float
 ) -> tuple[FittedRecord, ...]:
     """Every record beside its prediction, each with its own zero."""
-    problem, fit = evidence.problem, evidence.fit
-    at = {id(record): i for i, record in enumerate(problem.records)}
+    problem, fit, loss = evidence.problem, evidence.fit, evidence.problem.residual.loss
     slopes, taken = np.asarray(fit.state.aux_jacobian), evidence.degrees_taken
-    scatter = _scatter(problem, fit, taken, factor)
+    # Standard deviations of residuals over their noise, as the errors of parameters take them.
+    if loss.is_robust:
+        parts = zip(by_record(problem, fit), taken, strict=True)
+        scatter = [loss.scatter(part, part.size - degrees) for part, degrees in parts]
+    else:
+        scatter = np.sqrt(record_factors(problem, factor))
+    places = {id(record): i for i, record in enumerate(problem.records)}
     motions, out = problem.motions(values), []
     undisturbed = _undisturbed(evidence, values, motions)
     for record, motion, rest in zip(study.records, motions, undisturbed, strict=True):
-        i = at.get(id(record))
-        noise = problem.noise[i] if i is not None else record.noise
-        offset = free_offset(record.measured, motion, record.offset, problem.residual.loss, float(noise or 0.0))
-        if noise is None:
-            noise = float(np.std(record.measured - motion))
-        error = float("nan")
+        i = places.get(id(record))
+        noise = record.noise if i is None else problem.noise[i]
+        offset = free_offset(record.measured, motion, record.offset, loss, float(noise or 0.0))
+        noise = float(np.std(record.measured - motion) if noise is None else noise)
+        error = math.nan
         if record.offset is None and i is not None:
             by_parameters = slopes[i] @ np.nan_to_num(matrix) @ slopes[i]
             error = float(np.sqrt((noise * scatter[i]) ** 2 / record.time.size + by_parameters))
-        share = 0.0 if i is None else float(taken[i]) - (record.offset is None)
         out.append(
             compare(
                 record,
                 motion,
-                noise=float(noise),
+                noise=noise,
                 offset=offset,
                 offset_standard_error=error,
-                parameters=share,
+                parameters=0.0 if i is None else float(taken[i]) - (record.offset is None),
                 undisturbed=rest,
             )
         )
@@ -271,13 +258,3 @@ def _undisturbed(
     found = {path: float(value) for path, value in problem.decode(there).items()}
     moved = problem.motions({**values, **found})
     return moved if all(np.isfinite(motion).all() for motion in moved) else motions
-
-
-def _scatter(
-    problem: Problem, fit: Fit, taken: Float[np.ndarray, " records"], factor: float
-) -> Float[np.ndarray, " records"]:
-    """Standard deviation of each record's residuals over its noise, as the errors of parameters take it."""
-    loss, parts = problem.residual.loss, by_record(problem, fit)
-    if not loss.is_robust:
-        return np.sqrt(record_factors(problem, factor))
-    return np.array([loss.scatter(part, part.size - degrees) for part, degrees in zip(parts, taken, strict=True)])

@@ -14,13 +14,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..core import on_device
 from ..study import FittedRecord, Record, Study, compare, paths_in
-from .beyond_noise import exceeds_noise, highest_by_chance
+from .beyond_noise import exceeds_noise
+from .covariance import correlation
 from .initial_values.record_features import noise_of
 from .losses.base import AbstractLoss
+from .prior import is_by_chance
 from .problem import Problem
 from .residual import Residual, free_offset
 
@@ -51,10 +53,14 @@ def missed_records(
     **Arguments:** the point `free` that the fit ended at, without samples that stand out, and the `covariance` on the
     fit's scale, NaN where a parameter has no information or is held.
     """
-    motions = problem.motions(problem.residual.values(free))
-    loss, unknown = problem.residual.loss, _unknown_parameters(study)
+    motions, loss = problem.motions(problem.residual.values(free)), problem.residual.loss
+    # The free parameters of each record that is not fitted which hold in no fitted record.
+    declared = {path for path, parameter in study.parameters.items() if parameter.free}
+    hold = {r.name: declared & {*paths_in(study.parameters, r.conditions).values()} for r in study.records}
+    fitted = {path for record in study.records if record.role == "fit" for path in hold[record.name]}
+    unknown = {r.name: tuple(sorted(hold[r.name] - fitted)) for r in study.records if r.role != "fit"}
     every = [
-        _beside(record, motion, loss)
+        _compare_at(record, motion, loss)
         for record, motion in zip(study.records, motions, strict=True)
         if record.role != "fit"
     ]
@@ -62,7 +68,7 @@ def missed_records(
     judged = [found for found in every if not unknown[found.name]]
     if any(map(exceeds_noise, judged)):
         records = tuple(r for r in study.records if r.role != "fit" and not unknown[r.name])
-        judged = _at_best(records, judged, study, problem, free, covariance)
+        judged = _within_errors(records, judged, study, problem, free, covariance)
     return (*(Missed(found, ()) for found in judged if exceeds_noise(found)), *local)
 
 
@@ -71,14 +77,13 @@ def is_refuted(missed: Sequence[Missed]) -> bool:
     return any(not record.unknown for record in missed)
 
 
-def _beside(record: Record, motion: Float[np.ndarray, " samples"], loss: AbstractLoss) -> FittedRecord:
-    """A record beside its predicted `motion`, with its zero."""
+def _compare_at(record: Record, motion: Float[np.ndarray, " samples"], loss: AbstractLoss) -> FittedRecord:
     noise = noise_of(record)
     zero = free_offset(record.measured, motion, record.offset, loss, noise)
     return compare(record, motion, noise=noise, offset=zero, undisturbed=motion)
 
 
-def _at_best(
+def _within_errors(
     records: tuple[Record, ...],
     found: list[FittedRecord],
     study: Study,
@@ -87,59 +92,35 @@ def _at_best(
     covariance: Float[np.ndarray, "p p"],
 ) -> list[FittedRecord]:
     """The `records` beside their predictions by parameters that move within their errors to explain them all."""
+    from scipy.optimize import least_squares  # it takes long to import
+
     residual, noise = problem.residual, np.array([noise_of(record) for record in records])
     fixed = {path: float(number) for path, number in residual.fixed.items()}
     # As if they were fitted: those are the records that have derivatives to their end.
     fitted = tuple(dataclasses.replace(record, role="fit") for record in records)
     unseen = Residual.of(study.models, fitted, residual.transform, fixed, residual.accuracy)
     whole = Problem(unseen, fitted, noise, predictor=on_device(unseen.predictor), places=tuple(range(len(fitted))))
-    root, whitened = _root(covariance, residual.transform.at_bound(free)), np.asarray(whole.whitened(free))
+    # A root of the covariance turns independent errors of standard deviation 1 into those of parameters.
+    deviation, held = np.sqrt(np.diag(covariance)), residual.transform.at_bound(free)
+    known = np.isfinite(deviation) & (deviation > 0.0)
+    sizes, axes = np.linalg.eigh(correlation(covariance[np.ix_(known, known)]))
+    of_known = np.zeros((deviation.size, sizes.size))
+    of_known[known] = deviation[known, None] * axes * np.sqrt(np.maximum(sizes, 0.0))
+    of_unknown = _UNINFORMATIVE_STD * np.eye(deviation.size)[:, ~np.isfinite(deviation) & ~held]
+    root, whitened = np.hstack([of_known, of_unknown]), np.asarray(whole.whitened(free))
     motions, errors = [record.predicted - record.offset for record in found], np.zeros(root.shape[1])
+    at = lambda errors: np.clip(free + root @ errors, *whole.bounds)
+    # What cannot be derived moves nothing.
+    slope = lambda errors: np.nan_to_num(np.asarray(whole.jacobian(at(errors))), posinf=0.0, neginf=0.0) @ root
     for _ in range(_ROUNDS if errors.size else 0):
         used = np.isfinite(whitened)
         for record, rows in zip(found, whole.rows, strict=True):
             used[rows][record.outliers] = False
-        errors = _within_errors(whole, used, free, root, errors)
-        moves = np.asarray(whole.whitened(np.clip(free + root @ errors, *whole.bounds))) - whitened
+        left = lambda errors, used=used: np.append(np.asarray(whole.whitened(at(errors)))[used], errors)
+        slopes = lambda errors, used=used: np.vstack([slope(errors)[used], np.eye(errors.size)])
+        errors = least_squares(left, errors, slopes, max_nfev=_EVALUATIONS).x  # pyright: ignore[reportArgumentType]
+        errors = errors * is_by_chance(errors)
+        moves = np.asarray(whole.whitened(at(errors))) - whitened
         beside = [m - s * moves[rows] for m, s, rows in zip(motions, noise, whole.rows, strict=True)]
-        found = [_beside(record, motion, residual.loss) for record, motion in zip(records, beside, strict=True)]
+        found = [_compare_at(record, motion, residual.loss) for record, motion in zip(records, beside, strict=True)]
     return found
-
-
-def _within_errors(
-    whole: Problem,
-    used: Bool[np.ndarray, " n"],
-    free: Float[np.ndarray, " p"],
-    root: Float[np.ndarray, "p q"],
-    begun: Float[np.ndarray, " q"],
-) -> Float[np.ndarray, " q"]:
-    """The errors, times `root` a step of the parameters from `free`, that leave the least; 0 where beyond chance."""
-    from scipy.optimize import least_squares  # it takes long to import
-
-    at = lambda errors: np.clip(free + root @ errors, *whole.bounds)
-    left = lambda errors: np.append(np.asarray(whole.whitened(at(errors)))[used], errors)
-    # What cannot be derived moves nothing.
-    known = lambda jacobian: np.nan_to_num(np.asarray(jacobian)[used] @ root, posinf=0.0, neginf=0.0)
-    slopes = lambda errors: np.vstack([known(whole.jacobian(at(errors))), np.eye(errors.size)])
-    found = least_squares(left, begun, slopes, max_nfev=_EVALUATIONS)  # pyright: ignore[reportArgumentType]
-    errors = found.x
-    return errors * (errors @ errors < errors.size * highest_by_chance(errors.size))
-
-
-def _root(covariance: Float[np.ndarray, "p p"], held: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p q"]:
-    """A root of the `covariance`, which turns independent errors of standard deviation 1 into those of parameters."""
-    deviation = np.sqrt(np.diag(covariance))
-    known = np.isfinite(deviation) & (deviation > 0.0)
-    correlation = covariance[np.ix_(known, known)] / np.outer(deviation[known], deviation[known])
-    sizes, axes = np.linalg.eigh(correlation)
-    of_known = np.zeros((deviation.size, sizes.size))
-    of_known[known] = deviation[known, None] * axes * np.sqrt(np.maximum(sizes, 0.0))
-    return np.hstack([of_known, _UNINFORMATIVE_STD * np.eye(deviation.size)[:, ~np.isfinite(deviation) & ~held]])
-
-
-def _unknown_parameters(study: Study) -> dict[str, tuple[str, ...]]:
-    """The free parameters of each record that is not fitted which hold in no fitted record."""
-    free = {path for path, parameter in study.parameters.items() if parameter.free}
-    hold = {record.name: free & {*paths_in(study.parameters, record.conditions).values()} for record in study.records}
-    fitted = {path for record in study.records if record.role == "fit" for path in hold[record.name]}
-    return {record.name: tuple(sorted(hold[record.name] - fitted)) for record in study.records if record.role != "fit"}

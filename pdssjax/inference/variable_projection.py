@@ -109,9 +109,20 @@ def project(
     here = _solved(task, np.clip(free, task.low, task.high))
     count = 1
     if searched.any() and np.isfinite(here.chi2):
-        local, is_near = (_by_gauss_newton, _by_quasi_newton), _is_at_bottom(task, here)
+        # At the bottom of a valley a search begins where a fit is made again with another noise.
+        columns = _columns(task, here, task.searched)
+        basis = jnp.linalg.qr(columns / _norms(columns))[0]
+        is_near = float(jnp.sum((basis.T @ here.residual) ** 2)) < _NEAR * here.chi2
+        local = (_by_gauss_newton, _by_quasi_newton)
         if report is not None:
-            report(_forecast(task, here, is_near))
+            begun = time.perf_counter()
+            jax.block_until_ready(task.at(here.free))
+            each, positive = time.perf_counter() - begun, int(task.positive.sum())
+            points = _USUAL if is_near else 2 * len(_FACTORS) * positive + 2 * _USUAL + 2 * (_BRIEF + 1) * positive
+            report(
+                f"searching {int(task.searched.sum())} thresholds and times beside {int(task.linear.sum())} linear "
+                f"parameters, some {2.0 * points * each:.1g} s"
+            )
         for search in local if is_near else (_by_factors, *local, _by_decades):
             here, more = search(task, here)
             count += more
@@ -126,25 +137,6 @@ class _Task(NamedTuple):
     """Which of those searched are on a logarithmic scale: thresholds, times."""
     low: Float[np.ndarray, " p"]
     high: Float[np.ndarray, " p"]
-
-
-def _forecast(task: _Task, here: _Point, is_near: bool) -> str:
-    """A forecast of the time that a search takes, by that of one linearisation."""
-    begun = time.perf_counter()
-    jax.block_until_ready(task.at(here.free))
-    each, positive = time.perf_counter() - begun, int(task.positive.sum())
-    points = _USUAL if is_near else 2 * len(_FACTORS) * positive + 2 * _USUAL + 2 * (_BRIEF + 1) * positive
-    return (
-        f"searching {int(task.searched.sum())} thresholds and times beside {int(task.linear.sum())} linear parameters, "
-        f"some {2.0 * points * each:.1g} s"
-    )
-
-
-def _is_at_bottom(task: _Task, here: _Point) -> bool:
-    """Whether a search begins at the bottom of a valley, as it does when a fit is made again with another noise."""
-    columns = _columns(task, here, task.searched)
-    basis = jnp.linalg.qr(columns / _norms(columns))[0]
-    return float(jnp.sum((basis.T @ here.residual) ** 2)) < _NEAR * here.chi2
 
 
 def _by_factors(task: _Task, here: _Point) -> tuple[_Point, int]:
@@ -164,7 +156,15 @@ def _by_factors(task: _Task, here: _Point) -> tuple[_Point, int]:
 
 def _by_decades(task: _Task, here: _Point) -> tuple[_Point, int]:
     """The last stage: where an element is unused, times or thresholds may stand a decade off, in another valley."""
-    if not _leaves_unused(task, here):
+    moves = task.searched | task.linear
+    columns = np.asarray(here.jacobian)[:, moves]
+    size = np.asarray(_norms(jnp.asarray(columns)))
+    scatter = np.sqrt(here.chi2 / max(columns.shape[0] - columns.shape[1], 1))
+    spread = np.diag(np.linalg.pinv((columns / size).T @ (columns / size)))
+    errors = scatter * np.sqrt(np.maximum(spread, 0.0)) / size  # rounding may leave less than nothing
+    room = np.minimum(here.free - task.low, task.high - here.free)[moves]
+    # An element is unused where its parameter is at a bound, or not to be told from it.
+    if not (room < _UNSEEN * errors)[task.linear[moves]].any():
         return here, 0
     count, rivals = 0, []
     for place in np.flatnonzero(task.positive):
@@ -182,24 +182,15 @@ def _by_decades(task: _Task, here: _Point) -> tuple[_Point, int]:
     return (best if best.chi2 < here.chi2 else here), count
 
 
-def _leaves_unused(task: _Task, here: _Point) -> bool:
-    """Whether a linear parameter is at its bound, or not to be told from it."""
-    moves = task.searched | task.linear
-    columns = np.asarray(here.jacobian)[:, moves]
-    size = np.asarray(_norms(jnp.asarray(columns)))
-    scatter = np.sqrt(here.chi2 / max(columns.shape[0] - columns.shape[1], 1))
-    spread = np.diag(np.linalg.pinv((columns / size).T @ (columns / size)))
-    errors = scatter * np.sqrt(np.maximum(spread, 0.0)) / size  # rounding may leave less than nothing
-    room = np.minimum(here.free - task.low, task.high - here.free)[moves]
-    return bool((room < _UNSEEN * errors)[task.linear[moves]].any())
-
-
 def _by_gauss_newton(task: _Task, here: _Point, most: int = _MOST) -> tuple[_Point, int]:
     """Where damped Gauss-Newton steps lead, far from the end, and how many points were solved at."""
     damping, count = _BEGIN, 0
     while count < most and damping <= _LARGEST:
-        step = np.zeros(here.free.size)
-        step[task.searched] = _gauss_newton(task, here, damping)
+        columns, step = _columns(task, here, task.searched), np.zeros(here.free.size)
+        norms = _norms(columns)
+        upper, projected = triangle(columns / norms, here.residual)
+        ends = (jnp.asarray((end - here.free)[task.searched] * norms) for end in (task.low, task.high))
+        step[task.searched] = solve_in_box(upper, projected, jnp.asarray(damping), *ends).x / norms
         there, count = _solved(task, np.clip(here.free + step, task.low, task.high), here.chi2), count + 1
         if not there.chi2 < here.chi2:
             damping *= 10.0
@@ -288,15 +279,6 @@ def _columns(task: _Task, here: _Point, searched: Bool[np.ndarray, " p"]) -> Flo
     """Columns of the parameters `searched`, without the span of the linear ones that no bound holds."""
     spanning = (here.free > task.low) & (here.free < task.high)
     return _outside(here.jacobian[:, searched], here.jacobian[:, task.linear], spanning[task.linear])
-
-
-def _gauss_newton(task: _Task, here: _Point, damping: float) -> Float[np.ndarray, " s"]:
-    """A damped step of what is searched, within the bounds."""
-    columns = _columns(task, here, task.searched)
-    norms = _norms(columns)
-    upper, projected = triangle(columns / norms, here.residual)
-    ends = (jnp.asarray((end - here.free)[task.searched] * norms) for end in (task.low, task.high))
-    return np.asarray(solve_in_box(upper, projected, jnp.asarray(damping), *ends).x / norms)
 
 
 @jax.jit

@@ -5,10 +5,9 @@ half, draws replaced by the normal scores of their ranks; the effective sample s
 chains up to where the sum of neighbouring ones turns negative (C. J. Geyer, Statistical Science 7(4), 1992).
 """
 
-from statistics import NormalDist
-
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtri
 
 TAILS = 0.05, 0.95
 """Quantiles at which the effective sample size of the tails is evaluated."""
@@ -50,11 +49,9 @@ def _halves(draws: Float[np.ndarray, "chains draws"]) -> Float[np.ndarray, "halv
 
 def _normal_scores(draws: Float[np.ndarray, "chains draws"]) -> Float[np.ndarray, "chains draws"]:
     """Normal scores of the ranks among all draws; equal draws share the mean of their ranks."""
-    _, place, count = np.unique(draws, return_inverse=True, return_counts=True)
-    ranks = np.cumsum(count) - 0.5 * (count - 1)
-    inverse = NormalDist().inv_cdf
-    scores = np.array([inverse((rank - 0.375) / (draws.size + 0.25)) for rank in ranks])
-    return scores[place].reshape(draws.shape)
+    from scipy.stats import rankdata  # takes a while to load
+
+    return ndtri((rankdata(draws).reshape(draws.shape) - 0.375) / (draws.size + 0.25))
 
 
 def _variances(draws: Float[np.ndarray, "chains draws"]) -> tuple[float, float]:

@@ -6,12 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-_LARGEST_UNEVENNESS = 0.1
-"""Largest range of the steps of a clock, as a fraction of their mean."""
-
-_LARGEST_STEP = 0.1
-"""Largest step of a clock with too few digits, as a fraction of its range."""
-
 
 @dataclass
 class ChannelSummary:
@@ -73,10 +67,10 @@ class ChannelSummary:
     @property
     def uneven(self) -> bool:
         """Whether a channel that may be a clock has steps that differ by more than a tenth of their mean."""
-        return self.step is not None and self.longest - self.shortest > _LARGEST_UNEVENNESS * self.step
+        return self.step is not None and self.longest - self.shortest > 0.1 * self.step
 
     @property
     def coarse(self) -> bool:
         """Whether a channel may be a clock with too few digits: it never falls, and its steps are small."""
         rises = not self.falls and self.repeats and self.high > self.low
-        return rises and self.longest < _LARGEST_STEP * (self.high - self.low)
+        return rises and self.longest < 0.1 * (self.high - self.low)

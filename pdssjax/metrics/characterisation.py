@@ -23,6 +23,7 @@ from jaxtyping import Float
 from ..core import InputError, InputWarning
 from .cycle_detection import CLEAR_FIT, Cycles, find_cycles
 from .per_cycle import cycle_metrics, force_metrics, turning_points
+from .sensor_samples import Samples
 
 SI_UNITS = {"displacement": "m", "force": "N"}
 
@@ -57,9 +58,9 @@ class Characterisation:
     """"displacement" or "force"."""
     column: str
     """The column that was read."""
-    time: Float[np.ndarray, " m"]
+    time: Samples
     """Sample times [s]."""
-    values: Float[np.ndarray, " m"]
+    values: Samples
     """The samples as they were measured, their sign kept [m or N]."""
     given: bool
     """The frequency was given and not found."""
@@ -88,8 +89,8 @@ class Characterisation:
 
 
 def characterisation_of(
-    times: Float[np.ndarray, " m"],
-    values: Float[np.ndarray, " m"],
+    times: Samples,
+    values: Samples,
     measures: str,
     *,
     file: Path,
@@ -119,6 +120,15 @@ def characterisation_of(
     found = compute(*arguments, cycles.count, slip_duration)
     metrics = {name: np.asarray(getattr(found, name)) for name in _METRICS[measures]}
     before, after = _turning_points(times, sign * values, cycles, slip_duration)
+    shared, summarised = {}, metrics
+    if measures == "displacement":
+        e = 0.0 if frequency is not None else cycles.seen_error / cycles.seen
+        stroke, back, efficiency = (
+            abs(float(np.mean(metrics[name]))) for name in ("stroke", "back_slip", "efficiency")
+        )
+        shared = {"stroke": stroke * e, "net_step": stroke * e, "efficiency": abs(1 - efficiency) * e}
+        shared["speed"] = back * cycles.frequency * e
+        summarised = metrics | {"efficiency_by_extremes": 1 - (before[1:] - after[1:]) / (before[1:] - after[:-1])}
     result = Characterisation(
         file=file,
         measures=measures,
@@ -129,7 +139,7 @@ def characterisation_of(
         slip_duration=slip_duration,
         cycles=cycles,
         metrics=metrics,
-        summary=_summaries(measures, metrics, before, after, cycles, frequency is not None),
+        summary=_summaries(summarised, _METRICS[measures], shared),
         before=before,
         after=after,
     )
@@ -138,35 +148,19 @@ def characterisation_of(
 
 
 def _summaries(
-    measures: str,
-    metrics: dict[str, Float[np.ndarray, " cycles"]],
-    before: Float[np.ndarray, " slips"],
-    after: Float[np.ndarray, " slips"],
-    cycles: Cycles,
-    given: bool,
+    metrics: dict[str, Float[np.ndarray, " cycles"]], units: dict[str, str], shared: dict[str, float]
 ) -> dict[str, Summary]:
-    e = 0.0 if given else cycles.seen_error / cycles.seen
-    shared = dict.fromkeys(metrics, 0.0)
-    if measures == "displacement":
-        stroke, back, efficiency = (
-            abs(float(np.mean(metrics[name]))) for name in ("stroke", "back_slip", "efficiency")
-        )
-        shared |= {"stroke": stroke * e, "net_step": stroke * e, "efficiency": abs(1 - efficiency) * e}
-        shared["speed"] = back * cycles.frequency * e
-        metrics = metrics | {"efficiency_by_extremes": 1 - (before[1:] - after[1:]) / (before[1:] - after[:-1])}
-    units = _METRICS[measures]
-    return {n: _summary(v, units.get(n, ""), shared.get(n, 0.0)) for n, v in metrics.items()}
-
-
-def _summary(values: Float[np.ndarray, " cycles"], unit: str, shared: float) -> Summary:
-    several = len(values) > 1
-    deviation = float(np.std(values, ddof=1)) if several else math.nan
-    error = math.hypot(deviation / math.sqrt(len(values)), shared)
-    return Summary(float(np.mean(values)), deviation, error if several else math.nan, unit)
+    """Summaries of metrics; of some with an error that all cycles `shared`."""
+    out = {}
+    for name, values in metrics.items():
+        deviation = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+        error = math.hypot(deviation / math.sqrt(len(values)), shared.get(name, 0.0))
+        out[name] = Summary(float(np.mean(values)), deviation, error, units.get(name, ""))
+    return out
 
 
 def _turning_points(
-    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], cycles: Cycles, slip_duration: float
+    time: Samples, values: Samples, cycles: Cycles, slip_duration: float
 ) -> tuple[Float[np.ndarray, " slips"], Float[np.ndarray, " slips"]]:
     """Extremes on both sides of the slips, whose time is not known to a sample, nor how long they take."""
     slack = slip_duration + 2 * max(float(np.median(np.diff(time))), 0.005 / cycles.frequency)

@@ -27,11 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-_CLOSE = 0.9
-"""Share of samples whose next neighbour has to be there for an order above `_FEW`: with scattered gaps sample
-autocovariances are not positive definite, and high orders follow their errors."""
-
-_FEW = 1
+from .sensor_samples import Samples
 
 
 class StationaryNoise(NamedTuple):
@@ -53,40 +49,34 @@ class StationaryNoise(NamedTuple):
         """Number of parameters of the colour."""
         return self.coefficients.size
 
-    def evidence(self, freedom: float, time: Float[np.ndarray, " n"]) -> float:
+    def evidence(self, freedom: float, time: Samples) -> float:
         """Twice the gain in log-likelihood over white noise, less twice the numbers that it took (Akaike)."""
         if not self.order:
             return 0.0
-        variance = self.autocovariance(_lags(time))[0]
+        variance = self._on_grid(time)[0][0]
         return float(freedom * np.log(variance / self.innovation) - 2.0 * self.order)
 
-    def independent(self, time: Float[np.ndarray, " n"]) -> float:
+    def independent(self, time: Samples) -> float:
         """Independent samples per sample, by the variance of their mean square (M. S. Bartlett, 1946)."""
         if not self.order:
             return 1.0
-        covariance = self.autocovariance(_lags(time))
+        covariance, _ = self._on_grid(time)
         return float(1.0 / (1.0 + 2.0 * np.sum((covariance[1:] / covariance[0]) ** 2)))
 
-    def covariance_product(
-        self, columns: Float[np.ndarray, "n p"], time: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, "n p"]:
+    def covariance_product(self, columns: Float[np.ndarray, "n p"], time: Samples) -> Float[np.ndarray, "n p"]:
         """C X, with C the covariance of samples at `time` [s], on an even grid; no matrix C is made."""
-        return toeplitz_product(self.autocovariance(_lags(time)), columns, _places(time))
+        covariance, places = self._on_grid(time)
+        return toeplitz_product(covariance, columns, places)
+
+    def _on_grid(self, time: Samples) -> tuple[Float[np.ndarray, " lags"], Int[np.ndarray, " n"]]:
+        """Autocovariance at all lags between samples at `time` [s], and the places of these on their grid."""
+        places = grid_positions(time)
+        if places is None:
+            raise ValueError("found times on no even grid, expected those that the noise was found from")
+        return self.autocovariance(int(places[-1]) + 1), places
 
 
-def _places(time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    places = grid_positions(time)
-    if places is None:
-        raise ValueError("found times on no even grid, expected those that the noise was found from")
-    return places
-
-
-def _lags(time: Float[np.ndarray, " n"]) -> int:
-    """All that there are between samples."""
-    return int(_places(time)[-1]) + 1
-
-
-def grid_positions(time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"] | None:
+def grid_positions(time: Samples) -> Int[np.ndarray, " n"] | None:
     """Integer positions of samples on an even grid; None where `time` [s] lies on no such grid.
 
     A gap in the record then stays a gap.
@@ -99,9 +89,7 @@ def grid_positions(time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"] | Non
     return near if even else None
 
 
-def sample_autocovariance(
-    values: Float[np.ndarray, " n"], positions: Int[np.ndarray, " n"], lags: int
-) -> Float[np.ndarray, " lags"]:
+def sample_autocovariance(values: Samples, positions: Int[np.ndarray, " n"], lags: int) -> Float[np.ndarray, " lags"]:
     """Mean product of `values` so many places apart, about zero; NaN is left out.  Several may share a place.
 
     Weighted by 1 - lag/length as is usual, which makes it positive definite where nothing is missing.
@@ -121,9 +109,7 @@ def sample_autocovariance(
     return np.pad(mean * (1.0 - apart / length), (0, lags - apart.size))
 
 
-def stationary_noise(
-    values: Float[np.ndarray, " n"], positions: Int[np.ndarray, " n"], freedom: float, most: int
-) -> StationaryNoise:
+def stationary_noise(values: Samples, positions: Int[np.ndarray, " n"], freedom: float, most: int) -> StationaryNoise:
     """Fit stationary noise about zero to `values`; NaN is left out.
 
     **Arguments:** `freedom`, the degrees of freedom that a fit has left of the samples: variances grow by their ratio;
@@ -132,8 +118,9 @@ def stationary_noise(
     there = np.isfinite(values)
     samples = int(np.sum(there))
     most = max(min(most, int(10.0 * np.log10(max(samples, 2))), samples // 8), 0)
-    if np.sum(np.diff(positions[there]) == 1) < _CLOSE * samples:
-        most = min(most, _FEW)
+    # With scattered gaps autocovariances are not positive definite, and high orders follow their errors.
+    if np.sum(np.diff(positions[there]) == 1) < 0.9 * samples:
+        most = min(most, 1)
     c = sample_autocovariance(values, positions, most + 1) * samples / max(freedom, 1.0)
     if c[0] <= 0.0:
         return StationaryNoise(np.zeros(0), 0.0)
@@ -175,33 +162,6 @@ def _quick_size(length: int) -> int:
     return 1 << (2 * length - 1).bit_length()
 
 
-_FIRST_ODDS = (0.4, 2.0, 20.0)
-"""Starts of the search for a / (1 - a)."""
-
-_FIRST_DURATIONS = 9
-"""Number of starts of the search for tau, at equal ratios."""
-
-_FIRST_TURNS = (1.0, 3.0, 9.0)
-"""Starts of the search for w tau of noise that rings."""
-
-_REFINEMENT_FACTORS = (1.8, 1.35, 1.1)
-"""Factors between neighbouring points of the search, in the order in which it is refined."""
-
-_LEAST, _MOST = 1e-3, 1e7
-"""Bounds of a / (1 - a)."""
-
-_LARGEST_TURN = 1e3
-"""Largest w tau."""
-
-_FEWEST_SAMPLES = 16
-"""Fewest samples for noise that is not white."""
-
-_LONGEST_STRETCH = 4096
-"""Most samples in one stretch, which one Kalman filter goes through."""
-
-_MOST_STRETCHES = 8
-"""Most stretches evaluated, spread over the record: more hardly change the estimate."""
-
 _BLOCK = 256
 """Samples per block of the product with the covariance matrix."""
 
@@ -230,20 +190,18 @@ class NoiseInTime(NamedTuple):
         slow = np.exp(-np.abs(apart) / self.duration) * np.cos(self.pulsation * apart)
         return self.variance * np.where(apart == 0.0, 1.0, self.share * slow)
 
-    def evidence(self, freedom: float, time: Float[np.ndarray, " n"]) -> float:
+    def evidence(self, freedom: float, time: Samples) -> float:
         """Twice the gain in log-likelihood over white noise, less twice the numbers that it took (Akaike)."""
         return self.gain - 2.0 * self.order
 
-    def independent(self, time: Float[np.ndarray, " n"]) -> float:
+    def independent(self, time: Samples) -> float:
         """Independent samples per sample, by the variance of their mean square (M. S. Bartlett, 1946)."""
         # exp(-2 t / tau) cos(w t)^2 in two parts.
         parts = (NoiseInTime(1.0, self.share**2, 0.5 * self.duration, turn) for turn in (0.0, 2.0 * self.pulsation))
         ones = np.ones((time.size, 1))
         return 2.0 * time.size / float(sum(np.sum(part.covariance_product(ones, time)) for part in parts))
 
-    def covariance_product(
-        self, columns: Float[np.ndarray, "n p"], time: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, "n p"]:
+    def covariance_product(self, columns: Float[np.ndarray, "n p"], time: Samples) -> Float[np.ndarray, "n p"]:
         """C X, with C the covariance of samples at `time` [s], in ascending order; no matrix C is made."""
         out = self.variance * (1.0 - self.share) * columns
         if self.share == 0.0:
@@ -268,7 +226,7 @@ Noise: TypeAlias = StationaryNoise | NoiseInTime
 """Noise of a record: `StationaryNoise` for samples on an even grid, `NoiseInTime` for samples at any times."""
 
 
-def noise_at(time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], freedom: float, most: int) -> Noise:
+def noise_at(time: Samples, values: Samples, freedom: float, most: int) -> Noise:
     """The noise that `values` at `time` [s] are a sample of, about zero; NaN is left out.
 
     **Arguments:** as of `stationary_noise`; the highest order, `most`, is that on an even grid.
@@ -283,7 +241,7 @@ _PARTS, _IN_PART = 20, 8.0
 """Parts at most in which the power of noise is compared, and independent samples in each at least."""
 
 
-def unevenness(values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> float:
+def unevenness(values: Samples, time: Samples) -> float:
     """How much more the power of `values` at `time` [s] differs along them than that of stationary noise, in sigmas.
 
     Noise of a sensor is as large everywhere, whatever its colour; what a model leaves lies where it is wrong.  This is
@@ -301,21 +259,17 @@ def unevenness(values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -
     parts = [part[np.isfinite(part)] for part in np.array_split(values, count)]
     freedom = share * np.array([part.size for part in parts])
     powers = np.array([np.mean(part**2) if part.size else np.nan for part in parts])
-    return _of_equal_variances(powers[freedom > 0.0], freedom[freedom > 0.0])
-
-
-def _of_equal_variances(variances: Float[np.ndarray, " k"], freedom: Float[np.ndarray, " k"]) -> float:
-    """Bartlett's statistic of `variances` with these degrees of freedom, as a normal deviate."""
-    whole, above = float(np.sum(freedom)), variances.size - 1
-    if above < 1 or not (variances > 0.0).all():
-        return 0.0 if not variances.any() else np.inf
-    statistic = whole * np.log(freedom @ variances / whole) - freedom @ np.log(variances)
+    powers, freedom = powers[freedom > 0.0], freedom[freedom > 0.0]
+    whole, above = float(np.sum(freedom)), powers.size - 1
+    if above < 1 or not (powers > 0.0).all():
+        return 0.0 if not powers.any() else np.inf
+    statistic = whole * np.log(freedom @ powers / whole) - freedom @ np.log(powers)
     statistic /= 1.0 + (np.sum(1.0 / freedom) - 1.0 / whole) / (3.0 * above)
     spread = 2.0 / (9.0 * above)
     return float((np.cbrt(statistic / above) - 1.0 + spread) / np.sqrt(spread))
 
 
-def noise_in_time(values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], freedom: float) -> NoiseInTime:
+def noise_in_time(values: Samples, time: Samples, freedom: float) -> NoiseInTime:
     """The noise that `values` at `time` [s] are a sample of, about zero; NaN is left out.
 
     **Arguments:** `freedom`, the degrees of freedom that a fit has left of the samples: variances grow by their ratio.
@@ -325,13 +279,20 @@ def noise_in_time(values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
     size = float(np.mean(values**2)) if values.size else 0.0
     grown = values.size / max(freedom, 1.0)
     best, least = NoiseInTime(size * grown), 0.0
-    if values.size < _FEWEST_SAMPLES or size <= 0.0:
+    # Of fewer samples no colour is told.
+    if values.size < 16 or size <= 0.0:
         return best
-    gaps, scaled, part = _stretches(time, values / np.sqrt(size))
+    # A long record in stretches, in each of which the filter begins anew; eight of them tell enough.
+    count = -(-values.size // 4096)
+    length = values.size // count
+    taken = np.unique(np.linspace(0, count - 1, min(count, 8)).astype(int))
+    stretches = lambda whole: whole[: count * length].reshape(count, length)[taken]
+    gaps, scaled = stretches(np.diff(time, prepend=time[0])), stretches(values / np.sqrt(size))
+    part = scaled.size / values.size
     judge = lambda numbers: _deviances(gaps, scaled, numbers)
     price = 2.0 * np.log(np.log(max(freedom, 3.0)))
-    for turns in ((0.0,), _FIRST_TURNS):
-        numbers = _lowest(judge, float(np.median(np.diff(time))), float(np.ptp(time)), turns)
+    for turns in ((0.0,), (1.0, 3.0, 9.0)):
+        numbers = _minimise_deviance(judge, float(np.median(np.diff(time))), float(np.ptp(time)), turns)
         deviance, level = (float(found[0]) for found in judge(np.tile(numbers, (3**3, 1))))
         odds, duration, turn = map(float, numbers)
         found = NoiseInTime(size * grown * level, odds / (1.0 + odds), duration, turn / duration, -deviance / part)
@@ -340,37 +301,24 @@ def noise_in_time(values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
     return best
 
 
-def _stretches(
-    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "stretches m"], Float[np.ndarray, "stretches m"], float]:
-    """Gaps before the samples and values of a long record in stretches, each of which a filter begins anew.
-
-    **Returns:** last, which part of all samples is in them.
-    """
-    count = -(-values.size // _LONGEST_STRETCH)
-    size = values.size // count
-    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_STRETCHES)).astype(int))
-    cut = lambda whole: whole[: count * size].reshape(count, size)[chosen]
-    return cut(np.diff(time, prepend=time[0])), cut(values), chosen.size * size / values.size
-
-
-def _lowest(
+def _minimise_deviance(
     judge: Callable[[Float[np.ndarray, "m 3"]], tuple[Float[Array, " m"], Float[Array, " m"]]],
     shortest: float,
     longest: float,
     turns: Sequence[float],
 ) -> Float[np.ndarray, " 3"]:
     """a / (1 - a), tau and w tau of the lowest deviance; 27 at a time, so that what judges them is compiled once."""
-    durations = np.geomspace(0.5 * shortest, 0.5 * longest, _FIRST_DURATIONS)
-    begin = [np.array(list(itertools.product(_FIRST_ODDS, durations, (turn,)))) for turn in turns]
-    low, high = np.array([_LEAST, 0.1 * shortest, 0.0]), np.array([_MOST, longest, _LARGEST_TURN])
+    # Starts of the search; the 27 of each are three values of a / (1 - a) by nine of tau.
+    durations = np.geomspace(0.5 * shortest, 0.5 * longest, 9)
+    begin = [np.array(list(itertools.product((0.4, 2.0, 20.0), durations, (turn,)))) for turn in turns]
+    low, high = np.array([1e-3, 0.1 * shortest, 0.0]), np.array([1e7, longest, 1e3])
 
     def best_of(batches: Sequence[Float[np.ndarray, "m 3"]]) -> tuple[float, Float[np.ndarray, " 3"]]:
         found = [(np.nan_to_num(np.asarray(judge(batch)[0]), nan=np.inf), batch) for batch in batches]
         return min(((float(np.min(d)), batch[int(np.argmin(d))]) for d, batch in found), key=lambda pair: pair[0])
 
     value, best = best_of(begin)
-    for step in _REFINEMENT_FACTORS:
+    for step in (1.8, 1.35, 1.1):
         around = np.array(list(itertools.product((1.0 / step, 1.0, step), repeat=3)))
         while True:
             lower, there = best_of([np.clip(best * around, low, high)])

@@ -13,10 +13,11 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from ..core import InputError
 from .per_cycle import FLANK, cycle_metrics
+from .sensor_samples import Samples
 
 HARMONICS = 12
 """Number of harmonics of the sawtooth that is compared with the record."""
@@ -32,12 +33,6 @@ CLEAR_FIT = 0.5
 
 LEAST_FIT = 0.2
 """Least share of the variance that a sawtooth explains where there are cycles at all."""
-
-_LEAST_SLIP = 0.3
-"""Least motion of a slip within a hundredth of a cycle, as a fraction of the usual one."""
-
-_LEAST_STROKE = 0.02
-"""Least stroke of a flank of the drive, as a fraction of the record's largest stroke."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,9 +57,7 @@ class Cycles:
     """Share of the variance of the complete cycles about their trend that the best sawtooth explains."""
 
 
-def find_cycles(
-    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], frequency: float | None, where: str
-) -> Cycles:
+def find_cycles(time: Samples, values: Samples, frequency: float | None, where: str) -> Cycles:
     """The complete cycles in `values`, of any unit, at `time` [s], which ascends.
 
     **Arguments:** `frequency` [Hz], where it is known, is taken as it is.  The record may begin
@@ -90,60 +83,40 @@ def find_cycles(
             f"{where}: found no cycles: at {about:.4g} Hz, a sawtooth explains {100 * fit:.0f} % of the motion about "
             f"its trend, expected {wanted}."
         )
-    return _count_cycles(time, values, about, time[0] + phase / about, sign, frequency, where)
-
-
-def _count_cycles(
-    time: Float[np.ndarray, " m"],
-    values: Float[np.ndarray, " m"],
-    frequency: float,
-    start: float,
-    sign: float,
-    given: float | None,
-    where: str,
-) -> Cycles:
-    """The complete cycles, once frequency and start are known to a part of a period."""
-    seen, error = frequency, np.inf
-    for _ in range(2):
-        first, begun = _first_cycle(time, frequency, start)
-        good = _similar_flanks(time, values, frequency, first, begun)
+    start, seen, error = time[0] + phase / about, about, np.inf
+    first, begun, good = 0.0, 0, np.zeros(0, int)
+    for remaining in (2, 1, 0):
+        # The first slip of a cycle with samples; a fiftieth of a cycle is no more than its time is uncertain by.
+        before = np.floor((time[0] - start) * about + 0.02)
+        first, begun = start + before / about, int(np.ceil((time[-1] - start) * about - before - 0.02))
+        good = _similar_flanks(time, values, about, first, begun)
         if len(good) < 2:
             raise InputError(
-                f"{where}: found {len(good)} complete slow flanks at {frequency:.4g} Hz, "
+                f"{where}: found {len(good)} complete slow flanks at {about:.4g} Hz, "
                 "expected two at least, of a record of several cycles."
             )
-        # The slips at both ends of every flank that is like the others.
-        expected = first + np.append(good, good[-1] + 1) / frequency
-        slips = _slips(time, values, frequency, expected, sign)
-        seen, start, error = _line_of_slips(slips, expected, frequency, float(np.median(np.diff(time))))
-        frequency = given or seen
-    first, begun = _first_cycle(time, frequency, start)
-    good = _similar_flanks(time, values, frequency, first, begun)
-    if len(good) < 2:
-        raise InputError(f"{where}: found no two slow flanks alike near {frequency:.4g} Hz, expected several cycles.")
-    stroke = cycle_metrics(time, values, frequency, first + good[0] / frequency, len(good) - 1).stroke
-    falls = bool(np.median(np.asarray(stroke)) < 0)
-    count, begins = len(good) - 1, float(first + good[0] / frequency)
-    if given is None and count < 2:
+        if remaining:
+            # The slips at both ends of every flank that is like the others.
+            expected = first + np.append(good, good[-1] + 1) / about
+            slips = _slips(time, values, about, expected, sign)
+            seen, start, error = _line_of_slips(slips, expected, about, interval)
+            about = frequency or seen
+    count, begins = len(good) - 1, float(first + good[0] / about)
+    if frequency is None and count < 2:
         raise InputError(
             f"{where}: found one complete cycle at most, from which no frequency can be told, "
             "expected the drive's frequency or a longer record."
         )
+    stroke = cycle_metrics(time, values, about, begins, count).stroke
+    falls = bool(np.median(np.asarray(stroke)) < 0)
     # How well a sawtooth fits is asked of the cycles alone, not of the rest before and after.
-    used = (time >= begins) & (time <= begins + (count + 1) / frequency)
-    fit, *_ = _best_sawtooth(time[used], values[used], frequency, frequency, frequency)
-    return Cycles(frequency, seen, error, begins, count, begun - count, falls, fit)
-
-
-def _first_cycle(time: Float[np.ndarray, " m"], frequency: float, start: float) -> tuple[float, int]:
-    """The first slip that belongs to a cycle with samples, and how many such cycles there are."""
-    # A fiftieth of a cycle is no more than a slip takes, or than its time is uncertain by.
-    before = np.floor((time[0] - start) * frequency + 0.02)
-    return start + before / frequency, int(np.ceil((time[-1] - start) * frequency - before - 0.02))
+    used = (time >= begins) & (time <= begins + (count + 1) / about)
+    fit, *_ = _best_sawtooth(time[used], values[used], about, about, about)
+    return Cycles(about, seen, error, begins, count, begun - count, falls, fit)
 
 
 def _similar_flanks(
-    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], frequency: float, first: float, begun: int
+    time: Samples, values: Samples, frequency: float, first: float, begun: int
 ) -> Int[np.ndarray, " flanks"]:
     """Numbers of the slow flanks in the longest run of such as are complete and alike."""
     slow = first + np.arange(begun) / frequency
@@ -152,7 +125,7 @@ def _similar_flanks(
     # One cycle more than begun, so that the last flank too has a cycle, though without a net step.
     stroke = np.asarray(cycle_metrics(time, values, frequency, first, begun + 1).stroke)[:begun]
     size = np.where(whole & np.isfinite(stroke), np.abs(stroke), 0.0)
-    longest, least = np.zeros(0, int), _LEAST_STROKE * size.max(initial=0.0)
+    longest, least = np.zeros(0, int), 0.02 * size.max(initial=0.0)
     # From the largest on: a motion before the drive began, or after it ended, may be larger, but has no like.
     while len(longest) < 2 and size.max(initial=0.0) > least:
         large = size > 0.5 * size.max()
@@ -164,11 +137,7 @@ def _similar_flanks(
 
 
 def _best_sawtooth(
-    time: Float[np.ndarray, " m"],
-    values: Float[np.ndarray, " m"],
-    frequency: float | None,
-    lowest: float,
-    highest: float,
+    time: Samples, values: Samples, frequency: float | None, lowest: float, highest: float
 ) -> tuple[float, float, float, float]:
     """Fit, frequency, phase and sign of the sawtooth that explains the most of the motion about its trend."""
     found = []
@@ -188,9 +157,7 @@ def _best_sawtooth(
     return max(found)
 
 
-def _coarse_frequency(
-    time: Float[np.ndarray, " m"], detrended: Float[np.ndarray, " m"], lowest: float, highest: float
-) -> float:
+def _coarse_frequency(time: Samples, detrended: Samples, lowest: float, highest: float) -> float:
     """The frequency of the greatest sum of amplitudes, weighted as a sawtooth has them."""
     interval = np.median(np.diff(time))
     even = np.arange(time[0], time[-1] + 0.5 * interval, interval)
@@ -205,9 +172,7 @@ def _coarse_frequency(
     return float(bins[np.argmax(score)] / (padded * interval))
 
 
-def _finer_frequency(
-    time: Float[np.ndarray, " m"], detrended: Float[np.ndarray, " m"], about: float, lowest: float, highest: float
-) -> float:
+def _finer_frequency(time: Samples, detrended: Samples, about: float, lowest: float, highest: float) -> float:
     """The best fit of a sawtooth near `about`, or near simple multiples of it."""
     # Fifty samples a cycle are enough here.
     thin = max(1, int(1.0 / (50 * about * np.median(np.diff(time)))))
@@ -224,9 +189,7 @@ def _finer_frequency(
     return float(about)
 
 
-def _sawtooth(
-    time: Float[np.ndarray, " m"], detrended: Float[np.ndarray, " m"], frequency: float
-) -> tuple[float, float, float]:
+def _sawtooth(time: Samples, detrended: Samples, frequency: float) -> tuple[float, float, float]:
     """The sawtooth that fits best: its share of the variance, the phase of its first drop, its sign.
 
     A sawtooth that rises by 1 in a period and drops at phase p is
@@ -246,13 +209,7 @@ def _sawtooth(
     return float(overlap[best] ** 2 / norm / (detrended @ detrended)), float(phase[best]), float(np.sign(overlap[best]))
 
 
-def _slips(
-    time: Float[np.ndarray, " m"],
-    values: Float[np.ndarray, " m"],
-    frequency: float,
-    expected: Float[np.ndarray, " slips"],
-    sign: float,
-) -> np.ndarray:
+def _slips(time: Samples, values: Samples, frequency: float, expected: Samples, sign: float) -> np.ndarray:
     """When the record moves fastest against the slow flank near each `expected` slip.
 
     NaN where it has no samples, and where it hardly does: a drive that starts begins a flank without a slip.
@@ -271,13 +228,11 @@ def _slips(
             if change[most] > 0:
                 found[index], sizes[index] = weight @ middle[beside] / weight.sum(), change[most]
     if np.isfinite(sizes).any():
-        found[sizes < _LEAST_SLIP * np.nanmedian(sizes)] = np.nan
+        found[sizes < 0.3 * np.nanmedian(sizes)] = np.nan
     return found
 
 
-def _line_of_slips(
-    slips: Float[np.ndarray, " slips"], expected: Float[np.ndarray, " slips"], frequency: float, interval: float
-) -> tuple[float, float, float]:
+def _line_of_slips(slips: Samples, expected: Samples, frequency: float, interval: float) -> tuple[float, float, float]:
     """Frequency, first slip and standard error of the frequency, by a line through the times of the slips."""
     number = np.round((expected - expected[0]) * frequency)
     late = slips - expected

@@ -87,12 +87,7 @@ class ForceMetrics(NamedTuple):
 
 @partial(jax.jit, static_argnames="cycles")
 def cycle_metrics(
-    time: Samples,
-    displacement: Samples,
-    frequency: Number,
-    start: Number,
-    cycles: int,
-    slip_duration: Number = 0.0,
+    time: Samples, displacement: Samples, frequency: Number, start: Number, cycles: int, slip_duration: Number = 0.0
 ) -> CycleMetrics:
     """Stroke, back-slip, step efficiency (3.1) and speed of each cycle of a stick-slip motion.
 
@@ -115,12 +110,7 @@ def cycle_metrics(
 
 @partial(jax.jit, static_argnames="slips")
 def turning_points(
-    time: Samples,
-    displacement: Samples,
-    frequency: Number,
-    start: Number,
-    slips: int,
-    slip_duration: Number = 0.0,
+    time: Samples, displacement: Samples, frequency: Number, start: Number, slips: int, slip_duration: Number = 0.0
 ) -> TurningPoints:
     """The highest sample before each slip and the lowest after it, for a slow flank that rises.
 
@@ -144,12 +134,7 @@ def turning_points(
 
 @partial(jax.jit, static_argnames="cycles")
 def force_metrics(
-    time: Samples,
-    force: Samples,
-    frequency: Number,
-    start: Number,
-    cycles: int,
-    slip_duration: Number = 0.0,
+    time: Samples, force: Samples, frequency: Number, start: Number, cycles: int, slip_duration: Number = 0.0
 ) -> ForceMetrics:
     """Output force of each cycle of an actuator that pushes a force sensor (section 3.5).
 

@@ -4,37 +4,17 @@ import dataclasses
 import math
 
 import numpy as np
-from jaxtyping import Float
 
 from ..core import LENGTH, VELOCITY, Display, InputError
 from .cycle_detection import find_cycles
 from .sample_filters import integrated, rest_of
-from .sensor_samples import resolution_of, rounding_of_counts, scatter_floor
+from .sensor_samples import Samples, resolution_of, rounding_of_counts, scatter_floor
 from .voltage_flanks import frequency_of
 from .waveform_detection import begun, detect_waveform
 from .waveform_fits import Waveform
 
-_LEAST_EXPLAINED = 0.97
-"""Least share of the variance of a platform's motion that a straight line of the voltage explains."""
-
 _LEAST_EXPLAINED_WITH_HYSTERESIS = 0.8
 """Least share for a platform with hysteresis, under a voltage without fast flanks, where nothing can slip."""
-
-_NET_STEP_OF_SAWTOOTH = 0.02
-"""Largest net step of a motion that does not walk, as a fraction of its stroke, under a sawtooth."""
-
-_NET_STEP_OTHERWISE = 0.1
-"""The same under other voltages, which drive platforms more often, whose sensor may drift."""
-
-_STEP_SCATTER = 0.3
-"""Largest scatter of the step from one cycle to the next over the phases of a cycle, as a fraction of that step."""
-
-_LEAST_VOLTAGE_CHANGE = 0.1
-"""Least change of the voltage within a quarter of a cycle, as a fraction of its range, that moves the platform."""
-
-_ONSET_DEVIATION = 0.04
-"""Least deviation of the first samples from those a cycle later where the drive starts with the record, as a fraction
-of the motion's range."""
 
 _ROUNDING = 5e-4
 """Largest relative change by rounding of a frequency found in a motion."""
@@ -47,11 +27,11 @@ RUNNING = 2
 class RecordGuess:
     """A record as its samples suggest it; SI, on the clock of its file."""
 
-    time: Float[np.ndarray, " n"]
+    time: Samples
     """[s]"""
-    motion: Float[np.ndarray, " n"]
+    motion: Samples
     """[m], turned where the sensor counts the other way."""
-    volts: Float[np.ndarray, " n"] | None
+    volts: Samples | None
     """[V]; None where no voltage was recorded."""
     waveform: Waveform
     start: float
@@ -66,7 +46,7 @@ class RecordGuess:
     """The motion was turned: it goes against the voltage."""
     hysteresis: float
     """Rms residual of a platform's motion from a straight line of the voltage, in parts of the motion; else NaN."""
-    velocity: Float[np.ndarray, " n"] | None = None
+    velocity: Samples | None = None
     """Where that was measured [m/s], turned like the motion, to which it adds up; else None."""
 
     @property
@@ -83,9 +63,9 @@ class RecordGuess:
 
 
 def guess_record(
-    time: Float[np.ndarray, " n"],
-    motion: Float[np.ndarray, " n"],
-    volts: Float[np.ndarray, " n"] | None,
+    time: Samples,
+    motion: Samples,
+    volts: Samples | None,
     *,
     measures: str = "",
     peak: float | None = None,
@@ -110,12 +90,26 @@ def guess_record(
         seen = measures or "effector"
     else:
         waveform = detect_waveform(time, volts)
-        motion = _displacement_of(time, motion, volts, waveform) if velocity else motion
-        explained, leaves = _line_of_voltage(motion, volts)
+        if velocity:
+            # The zero of the sensor is taken from the record itself.
+            early = time - waveform.start if waveform.begins == "seen" else time - time[0]
+            held = np.where(early > 0.0, waveform.numbers["voltage"], 0.0) if waveform.name == "step" else volts
+            zero = rest_of(early, motion, held, returns=True)
+            assert zero is not None
+            motion = integrated(time, motion - zero)
+        straight = np.stack([np.ones(volts.size), volts], axis=1)
+        left = motion - straight @ np.linalg.lstsq(straight, motion, rcond=None)[0]
+        explained = 1.0 - float(np.var(left) / (np.var(motion) or 1.0))
+        leaves = float(np.std(left) / (np.ptp(motion) or 1.0))
         seen = measures or _measured_part(waveform, explained, _has_net_step(time, motion, volts, waveform), where)
         if seen == "platform" and waveform.name == "sine" and waveform.begins == "running":
-            waveform = _started_with_record(time, motion, waveform)
-    against = volts is not None and _is_reversed(time, motion, volts, waveform, seen)
+            waveform = _start_with_record(time, motion, waveform)
+    if volts is None:
+        against = False
+    elif seen == "effector" and waveform.has_fast_flanks:
+        against = rides_against(time, motion, volts, 1.0 / waveform.numbers["frequency"], waveform.start)
+    else:
+        against = goes_against(time, motion, volts)
     resolution = resolution_of(measured)
     start = waveform.start
     if waveform.begins == "running" and waveform.name != "sampled":
@@ -135,32 +129,6 @@ def guess_record(
     )
 
 
-def _displacement_of(
-    time: Float[np.ndarray, " n"],
-    speed: Float[np.ndarray, " n"],
-    volts: Float[np.ndarray, " n"],
-    waveform: Waveform,
-) -> Float[np.ndarray, " n"]:
-    """Integrate a velocity [m/s] to a displacement [m], with the zero of its sensor taken from the record itself."""
-    early = time - waveform.start if waveform.begins == "seen" else time - time[0]
-    held = np.where(early > 0.0, waveform.numbers["voltage"], 0.0) if waveform.name == "step" else volts
-    zero = rest_of(early, speed, held, returns=True)
-    assert zero is not None
-    return integrated(time, speed - zero)
-
-
-def _is_reversed(
-    time: Float[np.ndarray, " n"],
-    motion: Float[np.ndarray, " n"],
-    volts: Float[np.ndarray, " n"],
-    waveform: Waveform,
-    seen: str,
-) -> bool:
-    if seen == "effector" and waveform.has_fast_flanks:
-        return rides_against(time, motion, volts, 1.0 / waveform.numbers["frequency"], waveform.start)
-    return goes_against(time, motion, volts)
-
-
 def gain_of(guess: RecordGuess) -> float:
     """Rough gain of the platform [m/V], from its own motion or from that of an end-effector while it sticks.
 
@@ -176,7 +144,7 @@ def gain_of(guess: RecordGuess) -> float:
     # A quarter of a period later is on the same slow flank, for most samples; plateaus tell nothing.
     quarter = max(1, round(0.25 / frequency / float(np.median(np.diff(guess.time)))))
     motion, volts = (np.abs(c[quarter:] - c[:-quarter]) for c in (guess.motion, guess.volts))
-    moves = volts > _LEAST_VOLTAGE_CHANGE * np.ptp(guess.volts)
+    moves = volts > 0.1 * np.ptp(guess.volts)
     return float(np.median(motion[moves]) / np.median(volts[moves])) if moves.any() else math.nan
 
 
@@ -186,7 +154,8 @@ def _measured_part(waveform: Waveform, explained: float, walks: bool, where: str
     **Arguments:** `explained` is the share of its variance that the voltage explains, `walks` whether it goes on from
     cycle to cycle.
     """
-    if waveform.name == "step" or explained > _LEAST_EXPLAINED:
+    # A straight line of the voltage explains nearly all of a platform's motion.
+    if waveform.name == "step" or explained > 0.97:
         return "platform"
     if walks and (waveform.has_fast_flanks or explained < _LEAST_EXPLAINED_WITH_HYSTERESIS):
         return "effector"
@@ -198,9 +167,7 @@ def _measured_part(waveform: Waveform, explained: float, walks: bool, where: str
     )
 
 
-def _has_net_step(
-    time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], waveform: Waveform
-) -> bool:
+def _has_net_step(time: Samples, motion: Samples, volts: Samples, waveform: Waveform) -> bool:
     """Whether a motion has a net step per cycle besides the part that follows the voltage."""
     frequency = waveform.numbers.get("frequency") or frequency_of(time, volts)
     if frequency is None:
@@ -209,24 +176,17 @@ def _has_net_step(
     _, speed, follows = np.linalg.lstsq(design, motion, rcond=None)[0]
     net, stroke = abs(speed) / frequency, abs(follows) * np.ptp(volts)
     if waveform.has_fast_flanks:
-        return bool(net > _NET_STEP_OF_SAWTOOTH * stroke)
-    # Other voltages are those of platforms more often, whose sensor may drift.
-    return bool(net > _NET_STEP_OTHERWISE * stroke) and _steps_evenly(time, motion, frequency)
-
-
-def _steps_evenly(time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], frequency: float) -> bool:
-    """Whether the step of a motion from one cycle to the next is nearly the same at every phase."""
+        return bool(net > 0.02 * stroke)
+    # Other voltages are those of platforms more often, whose sensor may drift: not by the same step at every phase.
     later = time + 1.0 / frequency
     within = later <= time[-1]
-    if not within.any():
+    if not (within.any() and net > 0.1 * stroke):
         return False
     steps = np.interp(later[within], time, motion) - motion[within]
-    return bool(np.median(np.abs(steps - np.median(steps))) < _STEP_SCATTER * abs(np.median(steps)))
+    return bool(np.median(np.abs(steps - np.median(steps))) < 0.3 * abs(np.median(steps)))
 
 
-def _started_with_record(
-    time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], waveform: Waveform
-) -> Waveform:
+def _start_with_record(time: Samples, motion: Samples, waveform: Waveform) -> Waveform:
     """Let a sine start with the record, at its phase there, if the motion shows that it did not run before.
 
     Then the first samples are unlike those a cycle later, which are like those of the next cycle.
@@ -237,7 +197,7 @@ def _started_with_record(
     early = time[time < time[0] + 0.05 / frequency]
     shown = [np.interp(early + cycle / frequency, time, motion) for cycle in range(3)]
     first, later = (float(np.max(np.abs(a - b))) for a, b in ((shown[0], shown[1]), (shown[1], shown[2])))
-    if first < _ONSET_DEVIATION * np.ptp(motion) or first < 4.0 * later:
+    if first < max(0.04 * np.ptp(motion), 4.0 * later):
         return waveform
     phase = 2.0 * math.pi * math.remainder((float(time[0]) - waveform.start) * frequency, 1.0)
     return dataclasses.replace(
@@ -245,9 +205,7 @@ def _started_with_record(
     )
 
 
-def _sawtooth_of_motion(
-    time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], peak: float, frequency: float | None, where: str
-) -> Waveform:
+def _sawtooth_of_motion(time: Samples, motion: Samples, peak: float, frequency: float | None, where: str) -> Waveform:
     """The sawtooth that a walking end-effector shows: it starts a cycle where the end-effector slips."""
     interval = float(np.median(np.diff(time)))
     if frequency is not None and time[-1] - time[0] < 1.5 / frequency:
@@ -259,7 +217,11 @@ def _sawtooth_of_motion(
         falls, left = cycles.falls, 1.0 - cycles.fit
         middle = cycles.count // 2
         slip = cycles.start + middle / cycles.seen
-        frequency = frequency or _simplest_number(cycles.seen, min(2.0 * cycles.seen_error, _ROUNDING * cycles.seen))
+        # The number with the fewest digits within the error.
+        tolerance = min(2.0 * cycles.seen_error, _ROUNDING * cycles.seen)
+        shorter = (float(f"{cycles.seen:.{digits}g}") for digits in range(1, 12))
+        simplest = (number for number in shorter if abs(number - cycles.seen) <= tolerance)
+        frequency = frequency or next(simplest, cycles.seen)
     numbers = {"voltage": peak, "frequency": frequency}
     direction = "backward" if falls else "forward"
     found = Waveform("sawtooth", numbers, direction, slip, "running", math.sqrt(max(left, 0.0)))
@@ -267,47 +229,24 @@ def _sawtooth_of_motion(
     return begun(found, time, None, max(2.0 * interval, 0.02 / frequency))
 
 
-def _simplest_number(value: float, tolerance: float) -> float:
-    """The number with the fewest digits within `tolerance` of `value`."""
-    for digits in range(1, 12):
-        rounded = float(f"{value:.{digits}g}")
-        if abs(rounded - value) <= tolerance:
-            return rounded
-    return value
-
-
-def _line_of_voltage(motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Fit a straight line of the voltage to a motion: r2, and the rms residual as a fraction of the motion's range."""
-    straight = np.stack([np.ones(volts.size), volts], axis=1)
-    left = motion - straight @ np.linalg.lstsq(straight, motion, rcond=None)[0]
-    explained = 1.0 - float(np.var(left) / (np.var(motion) or 1.0))
-    return explained, float(np.std(left) / (np.ptp(motion) or 1.0))
-
-
-_OPPOSED_CORRELATION = -0.7
-"""Correlation of detrended motion and voltage below which the motion goes against the voltage."""
-
-_OPPOSED_SHARE = 0.75
-"""Least share of cycles against the voltage for an end-effector whose sensor counts the other way."""
-
 _SLOW_FLANK = 0.5, 0.95
 """Part of a cycle, from one fast flank to the next, in which the slow flank is evaluated."""
 
 
-def goes_against(
-    time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]
-) -> bool:
-    """Whether the `motion` [m] of a platform, or of what follows it, goes against `volts` [V] at `time` [s]."""
-    return _correlation(time, motion, volts) < _OPPOSED_CORRELATION
+def goes_against(time: Samples, motion: Samples, volts: Samples) -> bool:
+    """Whether the `motion` [m] of a platform, or of what follows it, goes against `volts` [V] at `time` [s].
+
+    By their correlation, after a linear detrend in time.
+    """
+    line = np.stack([np.ones(time.size), time - time.mean()], axis=1)
+    bent = [column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (motion, volts)]
+    size = [float(np.linalg.norm(column)) for column in bent]
+    if size[1] <= 1e-6 * np.linalg.norm(volts) or size[0] == 0:
+        return False
+    return float(bent[0] @ bent[1]) < -0.7 * size[0] * size[1]
 
 
-def rides_against(
-    time: Float[np.ndarray, " n"],
-    motion: Float[np.ndarray, " n"],
-    volts: Float[np.ndarray, " n"],
-    period: float,
-    start: float = 0.0,
-) -> bool:
+def rides_against(time: Samples, motion: Samples, volts: Samples, period: float, start: float = 0.0) -> bool:
     """Whether an end-effector goes against the voltage late on slow flanks, where it rides on the platform.
 
     What it does on the fast ones tells nothing: a platform that rings may throw it on as well as back.
@@ -325,16 +264,4 @@ def rides_against(
     if not within.any():
         return goes_against(time, motion, volts)
     ways = [column[lasts[within]] - column[firsts[within]] for column in (motion, volts)]
-    return bool(np.mean(ways[0] * ways[1] < 0) > _OPPOSED_SHARE)
-
-
-def _correlation(
-    time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]
-) -> float:
-    """Correlation of motion and voltage after a linear detrend in time; 0 where nothing is left of one of them."""
-    line = np.stack([np.ones(time.size), time - time.mean()], axis=1)
-    bent = [column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (motion, volts)]
-    size = [float(np.linalg.norm(column)) for column in bent]
-    if size[1] <= 1e-6 * np.linalg.norm(volts) or size[0] == 0:
-        return 0.0
-    return float(bent[0] @ bent[1]) / (size[0] * size[1])
+    return bool(np.mean(ways[0] * ways[1] < 0) > 0.75)

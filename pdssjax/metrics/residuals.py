@@ -14,20 +14,20 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .coloured_noise import Noise, noise_at
-from .sensor_samples import resolution_of
+from .sensor_samples import Samples, resolution_of
 
 
-def rmse(measured: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"]) -> float:
+def rmse(measured: Samples, predicted: Samples) -> float:
     """Root mean square of the residuals, in the unit of the data."""
     return float(np.sqrt(np.mean((measured - predicted) ** 2)))
 
 
-def error_index(measured: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"]) -> float:
+def error_index(measured: Samples, predicted: Samples) -> float:
     """The thesis's error index (4.14), sqrt(sum (measured - predicted)^2 / (n - 1)), in the unit of the data."""
     return float(np.sqrt(np.sum((measured - predicted) ** 2) / (len(measured) - 1)))
 
 
-def r_squared(measured: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"]) -> float:
+def r_squared(measured: Samples, predicted: Samples) -> float:
     """Share of the measured variance that the prediction explains."""
     return float(1.0 - np.mean((measured - predicted) ** 2) / np.var(measured))
 
@@ -59,7 +59,7 @@ class CycleSplit(NamedTuple):
     """Samples at each phase."""
     mean: Float[np.ndarray, " phases"]
     """Mean residual at each phase; 0 where there is no sample."""
-    rest: Float[np.ndarray, " n"]
+    rest: Samples
     """Residual less its phase's mean, enlarged by sqrt(m/(m - 1)) for the mean of m; NaN where a phase came once."""
 
     def phases(self) -> Float[np.ndarray, " phases"]:
@@ -67,9 +67,7 @@ class CycleSplit(NamedTuple):
         return (np.arange(self.sizes.size) + 0.5) / self.sizes.size
 
 
-def split_by_phase(
-    residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], frequency: float
-) -> CycleSplit | None:
+def split_by_phase(residual: Samples, time: Samples, frequency: float) -> CycleSplit | None:
     """The `residual` of a record, sampled at `time` [s], split by the phase of a drive of so many cycles a second [Hz].
 
     Samples are grouped by phase: exactly where a cycle holds a whole number of sample intervals, else into bins as
@@ -102,7 +100,7 @@ def split_by_phase(
     return CycleSplit(everywhere, sizes, mean, rest)
 
 
-def lack_of_fit(residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], frequency: float) -> LackOfFit | None:
+def lack_of_fit(residual: Samples, time: Samples, frequency: float) -> LackOfFit | None:
     """What repeats in the `residual` of a record, sampled at `time` [s], of a drive of so many cycles a second [Hz].
 
     Where neighbouring samples of the noise are alike, as many fewer of them count as independent.
@@ -119,19 +117,14 @@ def lack_of_fit(residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
     centre = np.mean(values[repeated])
     between = float(np.sum((split.mean[group] - centre)[repeated] ** 2)) / (phases - 1)
     misfit = max(between - within, 0.0) * (phases - 1) / samples
-    independent = _independent(split, time)
-    sigmas = _sigmas(between, within, (phases - 1) * independent, (samples - phases) * independent)
+    # Independent samples a sample, by the noise of a cycle.
+    noise = noise_at(time, split.rest, float(np.sum(np.isfinite(split.rest))), split.sizes.size // 2)
+    independent = noise.independent(time[: split.sizes.size])
+    sigmas = _normal_deviate(between, within, (phases - 1) * independent, (samples - phases) * independent)
     return LackOfFit(float(np.sqrt(within)), float(np.sqrt(misfit)), sigmas)
 
 
-def _independent(split: CycleSplit, time: Float[np.ndarray, " n"]) -> float:
-    """Independent samples of the noise a sample, by those of a cycle."""
-    freedom = float(np.sum(np.isfinite(split.rest)))
-    noise = noise_at(time, split.rest, freedom, split.sizes.size // 2)
-    return noise.independent(time[: split.sizes.size])
-
-
-def _sigmas(between: float, within: float, above: float, below: float) -> float:
+def _normal_deviate(between: float, within: float, above: float, below: float) -> float:
     """Express a ratio of mean squares as a normal deviate (E. Paulson, Ann. Math. Statist. 13, 1942)."""
     if within <= 0.0:
         return float("inf") if between > 0.0 else 0.0
@@ -145,7 +138,7 @@ class ResidualSplit(NamedTuple):
 
     cycles: CycleSplit | None
     """The mean over the cycles at each phase; None where the record does not repeat."""
-    rest: Float[np.ndarray, " n"]
+    rest: Samples
     """What does not repeat, enlarged for the means taken out; all of it where the record does not repeat."""
     noise: Noise
     """Model of the noise in `rest`."""
@@ -154,10 +147,7 @@ class ResidualSplit(NamedTuple):
 
 
 def split_residuals(
-    residual: Float[np.ndarray, " n"],
-    time: Float[np.ndarray, " n"],
-    frequency: float | None,
-    freedom: float = float("inf"),
+    residual: Samples, time: Samples, frequency: float | None, freedom: float = float("inf")
 ) -> ResidualSplit:
     """Split the `residual` of a record at `time` [s] into what repeats every cycle and the rest; NaN is left out.
 
@@ -178,29 +168,8 @@ def split_residuals(
 _LONGEST_GLITCH = 5
 """Most samples in a row that count as a glitch; longer runs are misfit."""
 
-_OUTLIER_SIGMAS = 7.0
-"""Robust standard deviations beyond which a sample stands out, as one in 4e11 of normal noise does."""
 
-_STD_OVER_MEDIAN = 1.4826
-"""Ratio of the standard deviation of normal noise to the median of its absolute values."""
-
-_NEIGHBOUR_SHARE = 0.2
-"""Largest residual beside a glitch, as a fraction of the glitch."""
-
-_SHIFT_LEAVES = 0.4
-"""Largest fraction of a residual that a shift in time may leave to explain it; for a glitch in a steep motion a half is
-left."""
-
-_SHIFT_CONTEXT = 2
-"""Samples on either side that a shift in time has to explain, too."""
-
-
-def outliers(
-    measured: Float[np.ndarray, " n"],
-    predicted: Float[np.ndarray, " n"],
-    time: Float[np.ndarray, " n"],
-    frequency: float | None,
-) -> Int[np.ndarray, " k"]:
+def outliers(measured: Samples, predicted: Samples, time: Samples, frequency: float | None) -> Int[np.ndarray, " k"]:
     """Indices of the samples `measured` at `time` [s] that stand out of the residuals in runs of at most five.
 
     What repeats every cycle of a drive of that `frequency` [Hz] is misfit, and its median at each phase is taken off
@@ -223,47 +192,34 @@ def outliers(
             members = ordered[(ends[split.sizes == size] - size)[:, None] + np.arange(size)]
             changes.append(np.diff(left[members], axis=1).ravel())
             left[members] -= np.median(left[members], axis=1, keepdims=True)
-    scale = _STD_OVER_MEDIAN * max(_median_size(left[finite]), _median_size(np.concatenate(changes)) / np.sqrt(2.0))
+    # 1.4826 is the ratio of the standard deviation of normal noise to its median absolute value.
+    scale = 1.4826 * max(_median_size(left[finite]), _median_size(np.concatenate(changes)) / np.sqrt(2.0))
     if scale <= 0.0:
         return np.zeros(0, int)
-    far = np.abs(np.nan_to_num(left)) > max(_OUTLIER_SIGMAS * scale, resolution_of(measured[finite]) or 0.0)
+    # Seven sigmas: one sample in 4e11 of normal noise lies as far out.
+    far = np.abs(np.nan_to_num(left)) > max(7.0 * scale, resolution_of(measured[finite]) or 0.0)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], far, [False]]).astype(int)))
-    runs = [np.arange(begin, end) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
-    short = [run for run in runs if run.size <= _LONGEST_GLITCH]
-    glitches = [run for run in short if _is_alone(left, run) and not _is_shifted(left, predicted, run)]
-    return np.concatenate([np.zeros(0, int), *glitches])
+    places, glitches = np.arange(left.size), [np.zeros(0, int)]
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        height = float(np.max(np.abs(left[begin:end])))
+        # The samples beside a glitch fit: next to a smooth misfit they do not.
+        beside = left[[i for i in (begin - 1, end) if 0 <= i < left.size]]
+        if end - begin > _LONGEST_GLITCH or not np.nanmax(np.abs(beside), initial=0.0) < 0.2 * height:
+            continue
+        # A shift of the prediction that explains the run, and two samples on either side, leaves less than it does of a
+        # glitch in a steep motion: a half.
+        around = places[max(begin - 2, 0) : end + 2]
+        shifts = np.arange(-_LONGEST_GLITCH, _LONGEST_GLITCH + 0.5, 0.5)
+        moved = np.array([np.interp(around + shift, places, predicted) for shift in shifts])
+        remaining = np.nanmax(np.abs(left[around] + predicted[around] - moved), axis=1)
+        if not np.min(remaining) < 0.4 * height:
+            glitches.append(places[begin:end])
+    return np.concatenate(glitches)
 
 
 def _median_size(deviations: Float[np.ndarray, " k"]) -> float:
     """Median of the absolute values; 0 of none."""
     return float(np.median(np.abs(deviations))) if deviations.size else 0.0
-
-
-def _is_alone(left: Float[np.ndarray, " n"], run: Int[np.ndarray, " k"]) -> bool:
-    """Whether the samples beside a run fit: next to a smooth misfit they do not."""
-    beside = left[[i for i in (int(run[0]) - 1, int(run[-1]) + 1) if 0 <= i < left.size]]
-    return float(np.nanmax(np.abs(beside), initial=0.0)) < _NEIGHBOUR_SHARE * float(np.max(np.abs(left[run])))
-
-
-def _is_shifted(left: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], run: Int[np.ndarray, " k"]) -> bool:
-    """Whether the prediction a few samples earlier or later explains a run and the samples around it."""
-    places = np.arange(left.size)
-    around = places[max(run[0] - _SHIFT_CONTEXT, 0) : run[-1] + _SHIFT_CONTEXT + 1]
-    sizes = [
-        np.nanmax(np.abs(left[around] + predicted[around] - np.interp(around + shift, places, predicted)))
-        for shift in np.arange(-_LONGEST_GLITCH, _LONGEST_GLITCH + 0.5, 0.5)
-    ]
-    return min(sizes) < _SHIFT_LEAVES * float(np.max(np.abs(left[run])))
-
-
-_SLIP_OF_LARGEST = 0.2
-"""Least rate of a slip, as a fraction of the largest rate."""
-
-_SLIP_OF_MEDIAN = 5.0
-"""Least rate of a slip, as a multiple of the median rate."""
-
-_FEWEST_SLIP_SAMPLES = 6
-"""Fewest samples in slips that determine their delay."""
 
 
 class SlipDelay(NamedTuple):
@@ -277,17 +233,15 @@ class SlipDelay(NamedTuple):
     """Share of the residuals' sum of squares within slips, about their mean, that the delay explains [1]."""
 
 
-def slip_delay(
-    time: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], residual: Float[np.ndarray, " n"]
-) -> SlipDelay | None:
+def slip_delay(time: Samples, predicted: Samples, residual: Samples) -> SlipDelay | None:
     """Delay of the slips against `predicted` [m] at `time` [s], by the `residual` (measured less predicted).
 
     None where no part of the motion is much faster than the rest, or too few samples lie in it.  NaN is left out.
     """
     rate = np.gradient(predicted, time)
     fast, usual = float(np.max(np.abs(rate))), float(np.median(np.abs(rate)))
-    slips = (np.abs(rate) > max(_SLIP_OF_LARGEST * fast, _SLIP_OF_MEDIAN * usual)) & np.isfinite(residual)
-    if np.count_nonzero(slips) < _FEWEST_SLIP_SAMPLES:
+    slips = (np.abs(rate) > max(0.2 * fast, 5.0 * usual)) & np.isfinite(residual)
+    if np.count_nonzero(slips) < 6:
         return None
     moves, left = rate[slips] - np.mean(rate[slips]), residual[slips] - np.mean(residual[slips])
     size = float(moves @ moves)

@@ -13,13 +13,12 @@ them.
 import numpy as np
 from jaxtyping import Float
 
-_KERNEL_REACH = 5.0
-"""Reach of the kernel to each side, in standard deviations."""
+from .sensor_samples import Samples
 
 
-def smoothed(samples: Float[np.ndarray, " n"], width: float) -> Float[np.ndarray, " n"]:
+def smoothed(samples: Samples, width: float) -> Samples:
     """`samples` smoothed over `width`, sigma in intervals; beyond the ends they go on point-symmetrically."""
-    reach = min(int(np.ceil(_KERNEL_REACH * width)), samples.size - 1)
+    reach = min(int(np.ceil(5.0 * width)), samples.size - 1)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     before = 2.0 * samples[0] - samples[reach:0:-1]
     after = 2.0 * samples[-1] - samples[-2 : -reach - 2 : -1]
@@ -53,13 +52,8 @@ def decimated(samples: Float[np.ndarray, "samples columns"], by: int) -> Float[n
 _FEWEST_AT_REST = 8
 """Fewest samples whose mean serves as a zero."""
 
-_RESTING_RANGE = 1e-3
-"""Largest range of the voltage while the rig rests, as a fraction of the largest voltage."""
 
-
-def rest_of(
-    time: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], returns: bool
-) -> float | None:
+def rest_of(time: Samples, speed: Samples, volts: Samples, returns: bool) -> float | None:
     """Zero of a velocity sensor [m/s]: what it shows of a thing at rest, from a record `speed` [m/s].
 
     Before the drive, which starts at `time` 0 [s]; or at the end, where the voltage `volts` [V] holds; or on average,
@@ -68,7 +62,7 @@ def rest_of(
     late = volts[-max(volts.size // 5, _FEWEST_AT_REST) :]
     if np.sum(time < 0) >= _FEWEST_AT_REST:
         rests = speed[time < 0]
-    elif np.ptp(late) <= _RESTING_RANGE * np.max(np.abs(volts)):
+    elif np.ptp(late) <= 1e-3 * np.max(np.abs(volts)):
         rests = speed[-late.size :]
     elif returns:
         rests = speed
@@ -77,7 +71,7 @@ def rest_of(
     return float(np.mean(rests))
 
 
-def integrated(time: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def integrated(time: Samples, speed: Samples) -> Samples:
     """Displacement [m] since the first sample, by the trapezoidal rule."""
     steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
     return np.concatenate([np.zeros(1), np.cumsum(steps)])

@@ -11,10 +11,10 @@ within nanoseconds.  So they are looked for from many starts, and the errors hol
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from .sensor_samples import scatter_between_corners
 from .voltage_flanks import Samples
@@ -25,27 +25,27 @@ _FIRST_DURATIONS = (0.3, 0.8, 1.3, 1.8, 2.4)
 _RANDOM_STARTS = 60
 """Number of further random starts of the least squares."""
 
+_MOST_STEPS = 60
+"""Linearisations from each start at most; most starts take ten."""
+
+_SMALLEST_GAIN = 1e-10
+"""Gain of chi-square, as a fraction of it, below which a search has ended."""
+
+_MOST_AT_ONCE = 200_000
+"""Residuals of all starts that are evaluated together, which bounds the memory that long records take."""
+
 _CORNER_SHARE = 0.05
 """Fraction of a fast flank at either end where a sample does not count as on it."""
 
 _LOCATED = 0.5
 """Standard error of start and duration, in sampling intervals, above which samples on a flank do not locate it."""
 
-_LARGEST_MISFIT = 1.5
-"""Largest rms residual of straight flanks, in standard deviations of the voltage's noise."""
-
 _HUM = 5e-3
 """Largest residual of slow flanks that counts as noise, as a fraction of the voltage: hum matters far more to one
 sample on a fast flank than to where that flank begins."""
 
-_NEAR_FLANK = 0.25
-"""Distance from a fast flank, as a fraction of the period, beyond which samples determine the slow flank."""
-
 _AVERAGED_EXCESS = 12.0
 """Largest excess of chi-square of a minimum that is averaged with the best, each weighted by its likelihood."""
-
-_ROUNDING_EXCESS = 9.0
-"""Largest excess of chi-square of a frequency rounded to `_FREQUENCY_DIGITS`, as generators are set."""
 
 _FREQUENCY_DIGITS = 3
 """Significant digits of a rounded frequency."""
@@ -70,17 +70,6 @@ class SharpFlanks(NamedTuple):
     """Standard error [V]; for a sawtooth, of the voltage to which its slow flank would come in a whole period."""
 
 
-class _Fitted(NamedTuple):
-    numbers: Float[np.ndarray, " p"]
-    errors: Float[np.ndarray, " p"]
-    least: float
-    """Chi-square at the best minimum."""
-
-
-Residuals: TypeAlias = Callable[[np.ndarray], Samples]
-"""Residuals as a function of the numbers, in standard deviations of the noise."""
-
-
 def sharpened_sawtooth(
     time: Samples, volts: Samples, forward: bool, about: tuple[float, float, float], seen: float, interval: float
 ) -> SharpFlanks | None:
@@ -94,43 +83,48 @@ def sharpened_sawtooth(
     """
     voltage, period, start = about
     turn = np.mod((time - start) / period + 0.5, 1.0) - 0.5
-    near = np.abs(turn) * period < min(2.0 * max(seen, interval) + 4.0 * interval, _NEAR_FLANK * period)
+    near = np.abs(turn) * period < min(2.0 * max(seen, interval) + 4.0 * interval, 0.25 * period)
     noise = max(scatter_between_corners(volts), 1e-6 * voltage)
-    slow = _slow_flanks(time[~near], volts[~near], start, period, noise, _HUM * voltage)
-    if slow is None:
+    # The slow flanks are u = a + s t - c n, n the cycle; `triangle` is the root of the information on (a, s, c).
+    design = np.stack([np.ones(time.size), time, -np.floor((time - start) / period)], axis=1)[~near]
+    if np.linalg.matrix_rank(design) < 3:
         return None
-    line, triangle, noise = slow
+    orthogonal, triangle = np.linalg.qr(design)
+    line = np.linalg.solve(triangle, orthogonal.T @ volts[~near])
+    left = float(np.linalg.norm(volts[~near] - design @ line)) / math.sqrt(max(len(design) - 3, 1))
+    noise = max(noise, min(left, _HUM * voltage))
+    triangle = triangle / noise
 
-    def residuals(numbers: np.ndarray) -> Samples:
-        shown = levels_of(time[near], forward, *numbers)
-        return np.append((shown - volts[near]) / noise, triangle @ (line_of(numbers, forward) - line))
+    def residuals(numbers: Float[np.ndarray, "starts 4"]) -> Float[np.ndarray, "starts n"]:
+        of_samples = (levels_of(time[near], forward, numbers) - volts[near]) / noise
+        return np.concatenate([of_samples, (line_of(numbers, forward) - line) @ triangle.T], axis=-1)
 
-    def jacobian(numbers: np.ndarray) -> Float[np.ndarray, "n 4"]:
-        of_samples = slopes_of_levels(time[near], forward, *numbers) / noise
-        return np.concatenate([of_samples, triangle @ slopes_of_line(numbers, forward)])
+    def jacobian(numbers: Float[np.ndarray, "starts 4"]) -> Float[np.ndarray, "starts n 4"]:
+        of_samples = slopes_of_levels(time[near], forward, numbers) / noise
+        return np.concatenate([of_samples, triangle @ slopes_of_line(numbers, forward)], axis=-2)
 
-    firsts = _starts(line, triangle, forward, seen, interval)
+    # Durations near the one that was seen, then random durations with random slow flanks.
+    random = np.random.default_rng(0)
+    durations = np.array([seen, *(share * interval for share in _FIRST_DURATIONS)])
+    lines = line + np.linalg.solve(triangle, 1.5 * random.standard_normal((3, _RANDOM_STARTS))).T
+    drawn = random.uniform(0.05, 1.2 * max(seen / interval, _FIRST_DURATIONS[-1]), _RANDOM_STARTS) * interval
+    firsts = np.concatenate([_numbers_of(line, durations, forward), _numbers_of(lines, drawn, forward)])
     low = np.array([0.5 * voltage, 0.9 * period, -np.inf, 1e-3 * interval])
     high = np.array([2.0 * voltage, 1.1 * period, np.inf, 0.5 * period])
-    scale = np.array([voltage, period / time.size, interval, interval])
-    found = _least_squares(residuals, firsts, low, high, scale, jacobian)
+    numbers, errors, least = _least_squares(residuals, jacobian, firsts, low, high)
     # With the period that a generator may have been set to.
-    period = 1.0 / float(f"{1.0 / found.numbers[1]:.{_FREQUENCY_DIGITS}g}")
-    whole = lambda numbers: np.insert(numbers, 1, period)
-    others = [np.delete(values, 1, axis=-1) for values in (firsts, low, high, scale)]
-    by_others = lambda numbers: np.delete(jacobian(whole(numbers)), 1, axis=1)
-    held = _least_squares(lambda numbers: residuals(whole(numbers)), *others, jacobian=by_others)
-    if held.least < found.least + _ROUNDING_EXCESS:
-        numbers = whole(held.numbers)
+    low[1] = high[1] = 1.0 / float(f"{1.0 / numbers[1]:.{_FREQUENCY_DIGITS}g}")
+    held, _, least_held = _least_squares(residuals, jacobian, firsts, low, high)
+    if least_held < least + 9.0:  # within three standard deviations
         # Another period may explain the samples as well, with other flanks.
-        found = _Fitted(numbers, np.hypot(found.errors, numbers - found.numbers), held.least)
-    whole_rise, period, start, duration = (float(number) for number in found.numbers)
-    voltage = peak_of(whole_rise, period, duration)
+        numbers, errors, least = held, np.hypot(errors, held - numbers), least_held
+    whole_rise, period, start, duration = map(float, numbers)
+    voltage = whole_rise * (1.0 - duration / period)
     flanks = round((time[-1] - time[0]) / period)
-    told = max(found.errors[2:]) < _LOCATED * interval and _explains(found, int(np.count_nonzero(near)), noise, voltage)
+    told = max(errors[2:]) < _LOCATED * interval and _explains(least, int(near.sum()) - 4, noise, voltage)
     if not told or _count_on_flank(np.mod(time - start, period) / duration) < max(1, flanks // 4):
         return None
-    of_voltage, _, of_start, of_duration = (float(error) for error in found.errors)
+    of_voltage, _, of_start, of_duration = map(float, errors)
     return SharpFlanks(voltage, period, start, duration, of_start, of_duration, of_voltage)
 
 
@@ -139,99 +133,111 @@ def sharpened_step(
 ) -> SharpFlanks | None:
     """The step of least squares near `about`, which holds voltage [V], begin and duration [s] of the rise."""
     voltage, start, rise = about
-    middle = start + 0.5 * rise
-    durations = (rise, *(share * interval for share in _FIRST_DURATIONS))
-    shifts = (-0.3, 0.0, 0.3)
-    firsts = [[voltage, middle - 0.5 * long + shift * interval, long] for long in durations for shift in shifts]
-    low, high = np.array([0.5 * voltage, -np.inf, 1e-3 * interval]), np.array([2.0 * voltage, np.inf, np.inf])
     noise = max(scatter_between_corners(volts), 1e-6 * abs(voltage))
-    shape = lambda numbers: numbers[0] * np.clip((time - numbers[1]) / numbers[2], 0.0, 1.0)
-    scale = np.array([voltage, interval, interval])
-    found = _least_squares(lambda numbers: (shape(numbers) - volts) / noise, np.array(firsts), low, high, scale)
-    voltage, start, duration = (float(number) for number in found.numbers)
-    if not _explains(found, time.size, noise, voltage):
+
+    def residuals(numbers: Float[np.ndarray, "starts 3"]) -> Float[np.ndarray, "starts n"]:
+        height, start, rise = np.moveaxis(numbers[..., None], -2, 0)
+        return (height * np.clip((time - start) / rise, 0.0, 1.0) - volts) / noise
+
+    def jacobian(numbers: Float[np.ndarray, "starts 3"]) -> Float[np.ndarray, "starts n 3"]:
+        height, start, rise = np.moveaxis(numbers[..., None], -2, 0)
+        risen = (time - start) / rise
+        steepness = np.where((risen > 0.0) & (risen < 1.0), height / rise, 0.0)
+        return np.stack([np.clip(risen, 0.0, 1.0), -steepness, -steepness * risen], axis=-1) / noise
+
+    durations = (rise, *(share * interval for share in _FIRST_DURATIONS))
+    middles = (start + 0.5 * rise + shift * interval for shift in (-0.3, 0.0, 0.3))
+    firsts = np.array([[voltage, middle - 0.5 * long, long] for middle in middles for long in durations])
+    low, high = np.array([0.5 * voltage, -np.inf, 1e-3 * interval]), np.array([2.0 * voltage, np.inf, np.inf])
+    numbers, errors, least = _least_squares(residuals, jacobian, firsts, low, high)
+    voltage, start, duration = map(float, numbers)
+    if not _explains(least, time.size - 3, noise, voltage):
         return None
-    if max(found.errors[1:]) > _LOCATED * interval or not _count_on_flank((time - start) / duration):
+    if max(errors[1:]) > _LOCATED * interval or not _count_on_flank((time - start) / duration):
         return None
-    of_voltage, of_start, of_duration = (float(error) for error in found.errors)
+    of_voltage, of_start, of_duration = map(float, errors)
     return SharpFlanks(voltage, math.inf, start, duration, of_start, of_duration, of_voltage)
 
 
-def _slow_flanks(
-    time: Samples, volts: Samples, start: float, period: float, noise: float, hum: float
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"], float] | None:
-    """Fit slow flanks u = a + s t - c n, n the cycle: (a, s, c), the root of their information, and the noise.
-
-    The `noise` [V] grows to what they leave, up to the `hum` [V] that neighbouring samples do not show.  None where
-    they do not tell them.
-    """
-    design = np.stack([np.ones(time.size), time, -np.floor((time - start) / period)], axis=1)
-    if np.linalg.matrix_rank(design) < 3:
-        return None
-    orthogonal, triangle = np.linalg.qr(design)
-    line = np.linalg.solve(triangle, orthogonal.T @ volts)
-    left = float(np.linalg.norm(volts - design @ line)) / math.sqrt(max(volts.size - 3, 1))
-    noise = max(noise, min(left, hum))
-    return line, triangle / noise, noise
-
-
-def _numbers_of(line: np.ndarray, duration: float, forward: bool) -> list[float]:
-    """Numbers of the sawtooth with slow flanks on a `line` and fast flanks of a `duration` [s]."""
-    a, slope, drop = line
-    period = drop / slope
-    whole_rise = abs(drop)
-    peak = peak_of(whole_rise, period, duration)
-    return [whole_rise, period, (-a / slope if forward else (peak - a) / slope) - duration, duration]
-
-
-def _starts(
-    line: Float[np.ndarray, "3"], triangle: Float[np.ndarray, "3 3"], forward: bool, seen: float, interval: float
-) -> Float[np.ndarray, "starts 4"]:
-    """Starts of the least squares: durations near the one `seen` [s], and random durations and slow flanks."""
-    random = np.random.default_rng(0)
-    durations = [seen, *(share * interval for share in _FIRST_DURATIONS)]
-    lines = line + np.linalg.solve(triangle, 1.5 * random.standard_normal((3, _RANDOM_STARTS))).T
-    drawn = random.uniform(0.05, 1.2 * max(seen / interval, _FIRST_DURATIONS[-1]), _RANDOM_STARTS) * interval
-    pairs = [*((line, duration) for duration in durations), *zip(lines, drawn, strict=True)]
-    return np.array([_numbers_of(slow, duration, forward) for slow, duration in pairs])
-
-
 def _least_squares(
-    residuals: Residuals,
+    residuals: Callable[[np.ndarray], np.ndarray],
+    jacobian: Callable[[np.ndarray], np.ndarray],
     firsts: Float[np.ndarray, "starts p"],
     low: Float[np.ndarray, " p"],
     high: Float[np.ndarray, " p"],
-    scale: Float[np.ndarray, " p"],
-    jacobian: Callable[[np.ndarray], Float[np.ndarray, "n p"]] | None = None,
-) -> _Fitted:
-    """Average all minima that explain the samples as well as the best one; the errors cover their spread."""
-    from scipy.optimize import least_squares
+) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"], float]:
+    """Average all minima that explain the samples as well as the best one.
 
-    # Of SciPy's methods with bounds the one that does less beside the residuals, which are few.
-    settings: dict[str, Any] = {"bounds": (low, high), "x_scale": scale, "max_nfev": 60, "method": "dogbox"}
-    settings |= {} if jacobian is None else {"jac": jacobian}
-    solve = lambda first: least_squares(residuals, first, **settings)
-    ends = [solve(np.clip(first, low, high)) for first in firsts]
-    ends.sort(key=lambda end: end.cost)
-    least = 2.0 * ends[0].cost
+    **Arguments:** residuals in standard deviations of the noise, and their derivatives, of all starts at once.  Where
+    a bound in `low` equals that in `high` the number is held.
+
+    **Returns:** the numbers, their standard errors, which cover the spread of these minima, and the least chi-square.
+    """
+    rows = residuals(firsts[:1]).size
+    groups = np.array_split(firsts, -(-rows * len(firsts) // _MOST_AT_ONCE))
+    ends, costs = map(np.concatenate, zip(*(_descend(residuals, jacobian, g, low, high) for g in groups), strict=True))
+    least, free = float(np.min(costs)), low < high
     minima: list[tuple[float, np.ndarray, np.ndarray]] = []
-    for end in ends:
-        above, errors = 2.0 * end.cost - least, _errors(end.jac)
+    for place in np.argsort(costs, kind="stable"):
+        above, numbers = float(costs[place]) - least, ends[place]
         if above > _AVERAGED_EXCESS:
             break
-        if not any(np.all(np.abs(end.x - other) <= errors) for _, other, errors in minima):
-            minima.append((above, end.x, errors))
-    weights = np.exp([-0.5 * above for above, *_ in minima])
-    weights /= weights.sum()
-    numbers = np.sum([w * x for w, (_, x, _) in zip(weights, minima, strict=True)], axis=0)
-    squares = [w * (errors**2 + (x - numbers) ** 2) for w, (_, x, errors) in zip(weights, minima, strict=True)]
-    return _Fitted(numbers, np.sqrt(np.sum(squares, axis=0)), least)
+        if not any(np.all(np.abs(numbers - other) <= errors) for _, other, errors in minima):
+            minima.append((above, numbers, _errors(jacobian(ends[place : place + 1])[0], free)))
+    above, numbers, errors = map(np.array, zip(*minima, strict=True))
+    weights = np.exp(-0.5 * above)[:, None] / np.sum(np.exp(-0.5 * above))
+    mean = np.sum(weights * numbers, axis=0)
+    return mean, np.sqrt(np.sum(weights * (errors**2 + (numbers - mean) ** 2), axis=0)), least
 
 
-def _explains(found: _Fitted, samples: int, noise: float, voltage: float) -> bool:
+def _descend(
+    residuals: Callable[[np.ndarray], np.ndarray],
+    jacobian: Callable[[np.ndarray], np.ndarray],
+    numbers: Float[np.ndarray, "starts p"],
+    low: Float[np.ndarray, " p"],
+    high: Float[np.ndarray, " p"],
+) -> tuple[Float[np.ndarray, "starts p"], Float[np.ndarray, " starts"]]:
+    """The minimum below each start within the bounds, and its chi-square, by the method of Levenberg and Marquardt."""
+    numbers = np.clip(numbers, low, high)
+    left = residuals(numbers)
+    cost, damping, open_ones = np.sum(left**2, axis=1), np.full(len(numbers), 1e-3), np.arange(len(numbers))
+    for _ in range(_MOST_STEPS):
+        here, slopes = numbers[open_ones], jacobian(numbers[open_ones])
+        gradient = np.einsum("snp,sn->sp", slopes, left[open_ones])
+        # A number at a bound that would leave it stays.
+        stays = ((here <= low) & (gradient >= 0.0)) | ((here >= high) & (gradient <= 0.0))
+        size = np.where(stays, 0.0, np.linalg.norm(slopes, axis=1))
+        scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+        scaled = slopes * scale[:, None]
+        normal = scaled.transpose(0, 2, 1) @ scaled + damping[open_ones, None, None] * np.eye(low.size)
+        step = -scale * np.linalg.solve(normal, (scale * gradient)[..., None])[..., 0]
+        tried = np.clip(here + step, low, high)
+        left_there = residuals(tried)
+        lower = np.sum(left_there**2, axis=1)
+        gain = cost[open_ones] - lower
+        better = open_ones[gain > 0.0]
+        numbers[better], left[better], cost[better] = (new[gain > 0.0] for new in (tried, left_there, lower))
+        damping[open_ones] = np.maximum(damping[open_ones] * np.where(gain > 0.0, 0.1, 10.0), 1e-9)
+        ended = ((gain >= 0.0) & (gain <= _SMALLEST_GAIN * lower)) | (damping[open_ones] > 1e8)
+        open_ones = open_ones[~ended]
+        if not open_ones.size:
+            break
+    return numbers, cost
+
+
+def _errors(jacobian: Float[np.ndarray, "n p"], free: Bool[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+    """Standard errors of the `free` numbers of a least-squares fit; infinite where they are not determined."""
+    size = np.linalg.norm(jacobian[:, free], axis=0)
+    triangle = np.linalg.qr(jacobian[:, free] / np.where(size > 0.0, size, 1.0), mode="r")
+    errors = np.where(free, math.inf, 0.0)
+    if np.min(np.abs(np.diag(triangle))) > 1e-10:
+        errors[free] = np.linalg.norm(np.linalg.inv(triangle), axis=1) / size
+    return errors
+
+
+def _explains(least: float, freedom: int, noise: float, voltage: float) -> bool:
     """Whether straight flanks explain the samples to within their noise."""
-    left = math.sqrt(found.least / max(samples - found.numbers.size, 1))
-    return left * noise < _LARGEST_MISFIT * noise + 2e-4 * abs(voltage)
+    return math.sqrt(least / max(freedom, 1)) * noise < 1.5 * noise + 2e-4 * abs(voltage)
 
 
 def _count_on_flank(passed: Samples) -> int:
@@ -239,71 +245,65 @@ def _count_on_flank(passed: Samples) -> int:
     return int(np.count_nonzero((passed > _CORNER_SHARE) & (passed < 1.0 - _CORNER_SHARE)))
 
 
-def _errors(jacobian: Float[np.ndarray, "n p"]) -> Float[np.ndarray, " p"]:
-    """Standard errors of the numbers of a least-squares fit; infinite where they are not determined."""
-    size = np.linalg.norm(jacobian, axis=0)
-    if np.any(size == 0.0):
-        return np.full(size.size, math.inf)
-    triangle = np.asarray(np.linalg.qr(jacobian / size, mode="r"))
-    if np.min(np.abs(np.diag(triangle))) < 1e-10:
-        return np.full(size.size, math.inf)
-    return np.linalg.norm(np.linalg.inv(triangle), axis=1) / size
+# The numbers of sawtooths, shape (..., 4): U, T, begin and duration of a fast flank.
 
 
-def levels_of(time: Samples, forward: bool, whole_rise: float, period: float, start: float, duration: float) -> Samples:
-    """Voltage of a sawtooth: from its peak to 0 V within `duration` [s], then back over the rest of a period.
+def levels_of(time: Samples, forward: bool, numbers: Float[np.ndarray, "... 4"]) -> Float[np.ndarray, "... n"]:
+    """Voltage of sawtooths: from the peak to 0 V within a duration, then back over the rest of a period.
 
-    Not `forward`, the other way.  The slow flank would reach `whole_rise` [V] in a whole period.
+    Not `forward`, the other way.
     """
+    whole_rise, period, start, duration = np.moveaxis(numbers[..., None], -2, 0)
     passed = np.mod(time - start, period)
     fallen = np.where(passed < duration, passed / duration, (period - passed) / (period - duration))
-    return peak_of(whole_rise, period, duration) * (1.0 - fallen if forward else fallen)
+    return whole_rise * (1.0 - duration / period) * (1.0 - fallen if forward else fallen)
 
 
-def slopes_of_levels(
-    time: Samples, forward: bool, whole_rise: float, period: float, start: float, duration: float
-) -> Float[np.ndarray, "n 4"]:
+def slopes_of_levels(time: Samples, forward: bool, numbers: Float[np.ndarray, "... 4"]) -> Float[np.ndarray, "... n 4"]:
     """The derivatives of `levels_of` by the numbers, beside its corners."""
+    whole_rise, period, start, duration = np.moveaxis(numbers[..., None], -2, 0)
     cycle = np.floor((time - start) / period)
     passed, slow = time - start - cycle * period, period - duration
     fast, left = passed < duration, (period - passed) / slow
     by_passed = np.where(fast, 1.0 / duration, -1.0 / slow)
     by_period = np.where(fast, 0.0, (1.0 - left) / slow) - cycle * by_passed
     by_duration = np.where(fast, -passed / duration**2, left / slow)
-    by_flank = np.stack([np.zeros(time.size), by_period, -by_passed, by_duration], axis=1)
     fallen = np.where(fast, passed / duration, left)
     level, sign = (1.0 - fallen, -1.0) if forward else (fallen, 1.0)
-    peak = _slopes_of_peak(whole_rise, period, duration)
-    return level[:, None] * peak + sign * peak_of(whole_rise, period, duration) * by_flank
+    share = slow / period
+    peak = sign * whole_rise * share
+    of_period = level * whole_rise * duration / period**2 + peak * by_period
+    of_duration = peak * by_duration - level * whole_rise / period
+    return np.stack([level * share, of_period, -peak * by_passed, of_duration], axis=-1)
 
 
-def line_of(numbers: Float[np.ndarray, "4"], forward: bool) -> Float[np.ndarray, "3"]:
+def line_of(numbers: Float[np.ndarray, "... 4"], forward: bool) -> Float[np.ndarray, "... 3"]:
     """Coefficients (a, s, c) of the slow flanks u = a + s t - c n, n the number of the cycle."""
-    whole_rise, period, start, duration = numbers
-    slope = whole_rise / period
-    foot = slope * (start + duration)
-    peak = peak_of(whole_rise, period, duration)
-    return np.array([-foot, slope, whole_rise] if forward else [peak + foot, -slope, -whole_rise])
+    whole_rise, period, start, duration = np.moveaxis(numbers, -1, 0)
+    if forward:
+        return np.stack([-whole_rise * (start + duration) / period, whole_rise / period, whole_rise], axis=-1)
+    return np.stack([whole_rise * (1.0 + start / period), -whole_rise / period, -whole_rise], axis=-1)
 
 
-def slopes_of_line(numbers: Float[np.ndarray, "4"], forward: bool) -> Float[np.ndarray, "3 4"]:
+def slopes_of_line(numbers: Float[np.ndarray, "... 4"], forward: bool) -> Float[np.ndarray, "... 3 4"]:
     """The derivatives of `line_of`."""
-    whole_rise, period, start, duration = numbers
-    slope, late = whole_rise / period, (start + duration) / period
-    foot = np.array([late, -slope * late, slope, slope])
-    of_slope, drop = np.array([1.0 / period, -slope / period, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])
-    peak = _slopes_of_peak(whole_rise, period, duration)
-    return np.stack([-foot, of_slope, drop] if forward else [peak + foot, -of_slope, -drop])
+    whole_rise, period, start, duration = np.moveaxis(numbers, -1, 0)
+    one, zero, slope = np.ones_like(period), np.zeros_like(period), whole_rise / period
+    late = (start + duration if forward else start) / period
+    foot = [late if forward else 1.0 + late, -slope * late, slope, slope if forward else zero]
+    rows = np.array([foot, [1.0 / period, -slope / period, zero, zero], [one, zero, zero, zero]])
+    signs = [-1.0, 1.0, 1.0] if forward else [1.0, -1.0, -1.0]
+    return np.array(signs)[:, None] * np.moveaxis(rows, (0, 1), (-2, -1))
 
 
-def peak_of(whole_rise: float, period: float, duration: float) -> float:
-    """Peak [V] of a sawtooth whose slow flank would reach `whole_rise` [V] in a whole period [s]."""
-    return whole_rise * (1.0 - duration / period)
-
-
-def _slopes_of_peak(whole_rise: float, period: float, duration: float) -> Float[np.ndarray, "4"]:
-    """The derivatives of `peak_of` by whole rise, period, start and duration."""
-    return np.array([1.0 - duration / period, whole_rise * duration / period**2, 0.0, -whole_rise / period])
+def _numbers_of(
+    line: Float[np.ndarray, "... 3"], duration: Float[np.ndarray, " k"], forward: bool
+) -> Float[np.ndarray, "k 4"]:
+    """Numbers of the sawtooths with slow flanks on a `line` and fast flanks of a `duration` [s]."""
+    a, slope, drop = np.moveaxis(line, -1, 0)
+    period, whole_rise = drop / slope, np.abs(drop)
+    start = -a / slope - duration if forward else period * (a / whole_rise - 1.0)
+    return np.stack(np.broadcast_arrays(whole_rise, period, start, duration), axis=-1)
 
 
 JUMP = 1.6

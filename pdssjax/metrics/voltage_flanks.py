@@ -5,14 +5,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from ..core import equal_by_value
-
-Samples = Float[np.ndarray, " n"]
-
-_FAST_FLANK_SHARE = 0.3
-"""Largest duration of a fast flank, as a fraction of the other flank's."""
+from .sensor_samples import Samples
 
 
 @equal_by_value
@@ -95,7 +90,7 @@ class FastFlanks(NamedTuple):
 def fast_flanks(flanks: VoltageFlanks) -> FastFlanks | None:
     """The fast flanks of a voltage; None where both flanks take about as long, or tell no period."""
     period = period_of(flanks)
-    if period is None or not min(flanks.rise, flanks.fall) < _FAST_FLANK_SHARE * max(flanks.rise, flanks.fall):
+    if period is None or not min(flanks.rise, flanks.fall) < 0.3 * max(flanks.rise, flanks.fall):
         return None
     fall = flanks.fall < flanks.rise
     middles = flanks.falls if fall else flanks.rises

@@ -12,25 +12,17 @@
 import dataclasses
 import itertools
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from .sensor_samples import flicker_of, scatter_between_corners
 from .sharpened_flanks import widened
 from .voltage_flanks import Samples, extremes_of, voltage_flanks
 from .waveform_fits import AT_ZERO, FITS, LOCATED, Waveform, cycloid_at, fit_step
 
-if TYPE_CHECKING:
-    from .waveform_fits import Waveform
-
-
 MOST_MISFIT = 0.015
 """Largest rms residual of a waveform beyond the noise, as a fraction of the voltage."""
-
-_VOLTS = "voltage", "bias"
-"""Numbers of a waveform that change sign with the voltage."""
 
 _REST = 4
 """Fewest samples of a rest."""
@@ -43,9 +35,6 @@ _SAME = 2e-5
 
 _HELD = 0.03
 """Least duration of the voltage at which a record begins, as a fraction of the record, if it was held before."""
-
-_SURELY = 0.85
-"""Least share of the samples of a rest at its level."""
 
 _FLICKERS = 1.5
 """Least distance of a voltage from a level that it has left, in multiples of its flicker."""
@@ -66,13 +55,13 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
     if high == low:
         raise ValueError(f"found {low:g} V in all {volts.size} samples, expected a voltage that changes")
     turned = -1.0 if abs(low) > abs(high) + AT_ZERO * (high - low) else 1.0
-    found = _turned(_detect(time, turned * volts), turned)
+    found = _restore_sign(_detect(time, turned * volts), turned)
     if found.name != "sampled":
         return dataclasses.replace(found, counted_from=0.0)
-    counted, (level, turned, samples) = found, _level(time, volts, turned)
+    counted, (level, turned, samples) = found, _reference_level(time, volts, turned)
     # Noise widens the range of a voltage, and what is laid over it tells the level better.
     for _ in range(_LEVELS):
-        counted = _turned(_detect(time, turned * (volts - level)), turned)
+        counted = _restore_sign(_detect(time, turned * (volts - level)), turned)
         if counted.name == "sampled":
             return found
         if counted.begins == "seen" or abs(counted.counted_from) < _SAME * (high - low):
@@ -87,13 +76,13 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
     return dataclasses.replace(counted, counted_from=level)
 
 
-def _turned(found: Waveform, turned: float) -> Waveform:
+def _restore_sign(found: Waveform, turned: float) -> Waveform:
     """`found` in a voltage that was `turned` round, where that is -1, as it was recorded."""
-    back = {field: turned * number for field, number in found.numbers.items() if field in _VOLTS}
+    back = {field: turned * number for field, number in found.numbers.items() if field in ("voltage", "bias")}
     return dataclasses.replace(found, numbers=found.numbers | back)
 
 
-def _level(time: Samples, volts: Samples, turned: float) -> tuple[float, float, int]:
+def _reference_level(time: Samples, volts: Samples, turned: float) -> tuple[float, float, int]:
     """The level that a voltage is to be counted from [V], and whether it goes up from there, 1, or down, -1.
 
     And of how many samples that is the mean, 0 where it is an end of the range.
@@ -121,12 +110,13 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
     flanks = voltage_flanks(elapsed, volts, low, high)
     rest = _rest(time, volts, high - low)
     rests = rest.end if rest is not None and abs(rest.level) <= AT_ZERO * (high - low) else None
-    if len(flanks.rises) + len(flanks.falls) == 1 and len(flanks.rises) == 1:
+    counts = len(flanks.rises), len(flanks.falls)
+    if counts == (1, 0):
         step = fit_step(elapsed, volts, flanks, interval, -first)
         if step.misfit < MOST_MISFIT and abs(low) < AT_ZERO * high:
             return dataclasses.replace(step, start=step.start + first)
     limit = MOST_MISFIT + 2.0 * scatter_between_corners(volts) / (high - low)
-    if max(len(flanks.rises), len(flanks.falls)) >= 2 and min(len(flanks.rises), len(flanks.falls)) >= 1:
+    if max(counts) >= 2 and min(counts) >= 1:
         candidates = [fit(elapsed, volts, flanks, interval) for fit in FITS]
         fitting = [c for c in candidates if c is not None and c.misfit < limit]
         if fitting:
@@ -137,8 +127,10 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
                 rests = None
             located = (1.5 if simplest.uncertain else LOCATED) * interval
             located = located if simplest.timing is None else min(located, simplest.timing.within)
-            simplest = dataclasses.replace(_with_frequency_bound(simplest), start=simplest.start + first)
-            return begun(simplest, time, rests, 1.5 * interval, located)
+            within = 2.0 * simplest.frequency_error
+            said = () if within < _TOLD else (f"frequency: within {100 * within:.2g} %",)
+            found = dataclasses.replace(simplest, uncertain=simplest.uncertain + said, start=simplest.start + first)
+            return begun(found, time, rests, 1.5 * interval, located)
     start = float(time[0]) if rests is None else _before_onset(time, volts, rests)
     # The first stair of a staircase is no voltage that was held before.
     held = rest is not None and rest.end - time[0] > _HELD * (time[-1] - time[0])
@@ -156,13 +148,6 @@ def _runs_low(found: Waveform, elapsed: Samples, volts: Samples, until: float) -
         runs = volts[quiet] - cycloid_at(elapsed[quiet], found)
         return bool(runs @ runs < volts[quiet] @ volts[quiet])
     return False
-
-
-def _with_frequency_bound(found: Waveform) -> Waveform:
-    """`found`, which says how well its frequency is told where noise and length leave it open."""
-    within = 2.0 * found.frequency_error
-    said = () if within < _TOLD else (f"frequency: within {100 * within:.2g} %",)
-    return dataclasses.replace(found, uncertain=found.uncertain + said)
 
 
 def _before_onset(time: Samples, volts: Samples, leaves: float) -> float:
@@ -214,7 +199,7 @@ def _rest(time: Samples, volts: Samples, extent: float) -> _Rest | None:
     if abs(drift) > 0.3 * ahead and ahead > 0:
         return None
     # The last samples may be on their way already, within the noise.
-    surely = quiet[: max(round(_SURELY * leaves), _REST - 1)]
+    surely = quiet[: max(round(0.85 * leaves), _REST - 1)]
     return _Rest(float(time[leaves - 1]), float(np.mean(surely)), surely.size)
 
 
@@ -245,7 +230,7 @@ _SAMPLES = 3
 """Fewest samples between the first and the last of `_SHARES`: with fewer a corner looks like a bend."""
 
 
-def rounding_of(time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], waveform: "Waveform") -> float:
+def rounding_of(time: Samples, volts: Samples, waveform: Waveform) -> float:
     """How much longer a fast flank takes for its second half than for its first one, by the median of all flanks.
 
     1 of a straight line, ln 5 / ln 1.8 = 2.7 behind an amplifier of first order; NaN of other waveforms and of flanks

@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from .sharpened_flanks import JUMP, SharpFlanks, Timing, levels_of, sharpened_sawtooth, sharpened_step, timing_of
 from .voltage_flanks import Samples, VoltageFlanks, fast_flanks, period_of
@@ -67,6 +66,8 @@ def fit_cycloidal(time: Samples, volts: Samples, flanks: VoltageFlanks, interval
 
     Fast flanks are straight lines, or jumps where no sample lies on them.
     """
+    from scipy.optimize import least_squares  # takes a while to load
+
     fast = fast_flanks(flanks)
     if fast is None:
         return None
@@ -80,12 +81,15 @@ def fit_cycloidal(time: Samples, volts: Samples, flanks: VoltageFlanks, interval
     first = np.array([0.0, flanks.extent, begin, fast.period, *([duration] * (not ideal))])
     if time.size < 4 * first.size or turn[-1] < 0.5:
         return None
-    found, errors, left = _least_squares(time, volts, _levels(time, fast.fall), first, interval)
-    level, voltage, start, period = (float(number) for number in found[:4])
-    duration = 0.0 if ideal else float(found[4])
+    shown, scale = _levels(time, fast.fall), np.array([first[1], first[1], interval, interval, interval])[: first.size]
+    solved = least_squares(lambda numbers: shown(numbers) - volts, first, x_scale=scale, method="trf", max_nfev=40)
+    left = _rms(solved.fun)
+    errors = left * scale * np.linalg.norm(np.linalg.pinv(np.linalg.qr(solved.jac * scale, mode="r")), axis=1)
+    level, voltage, start, period = map(float, solved.x[:4])
+    duration = 0.0 if ideal else float(solved.x[4])
     if not (voltage > 0 and 0.0 <= duration < _LONGEST * period and abs(level) < AT_ZERO * voltage):
         return None
-    _, of_voltage, of_start, of_period = (float(error) for error in errors[:4])
+    _, of_voltage, of_start, of_period = map(float, errors[:4])
     of_duration = math.inf if ideal else float(errors[4])
     sharp = SharpFlanks(voltage, period, start, duration, of_start, of_duration, of_voltage)
     return Waveform(
@@ -123,24 +127,6 @@ def _levels(time: Samples, fall: bool) -> Callable[[np.ndarray], Samples]:
         return lowest + voltage * (level if fall else 1.0 - level)
 
     return shown
-
-
-def _least_squares(
-    time: Samples,
-    volts: Samples,
-    shown: Callable[[np.ndarray], Samples],
-    first: Float[np.ndarray, " p"],
-    interval: float,
-) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"], float]:
-    """Numbers, standard errors by what they leave, and its root mean square [V]."""
-    from scipy.optimize import least_squares
-
-    scale = np.array([first[1], first[1], interval, interval, interval])[: first.size]
-    solved = least_squares(lambda numbers: shown(numbers) - volts, first, x_scale=scale, method="trf", max_nfev=40)
-    left = math.sqrt(float(np.mean(solved.fun**2)))
-    triangle = np.linalg.qr(solved.jac * scale, mode="r")
-    inverse = np.linalg.pinv(triangle)
-    return solved.x, left * scale * np.linalg.norm(inverse, axis=1), left
 
 
 LOCATED = 0.1
@@ -229,7 +215,7 @@ def fit_sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval:
     if sharp is not None:
         voltage, period, start, fast = sharp[:4]
         ideal, error = False, sharp.voltage_error
-        shape = levels_of(time, forward, voltage / (1.0 - fast / period), period, start, fast)[all_cycles]
+        shape = levels_of(time, forward, np.array([voltage / (1.0 - fast / period), period, start, fast]))[all_cycles]
         lowest = float(np.polyfit(shape, volts[all_cycles], 1)[1])
     numbers = {"voltage": voltage, "frequency": 1.0 / period} | ({} if ideal else {"fall_time": fast})
     open_part = f"which leaves {100 * JUMP * interval / period:.2g} % of the voltage open"
@@ -255,14 +241,12 @@ def fit_triangle(time: Samples, volts: Samples, flanks: VoltageFlanks, interval:
 
 def fit_trapezoid(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
     """A trapezoid, by its flanks; None without a period or a plateau."""
-    found = _trapezoid_by(time, volts, flanks, interval)
-    if found is None:
+    if (found := _trapezoid_by(time, volts, flanks, interval)) is None:
         return None
     # On plateaus noise widens the extremes, and with them the flanks.
     share = found.numbers["voltage"] / flanks.extent
-    return _trapezoid_by(
-        time, volts, dataclasses.replace(flanks, rise=share * flanks.rise, fall=share * flanks.fall), interval
-    )
+    narrower = dataclasses.replace(flanks, rise=share * flanks.rise, fall=share * flanks.fall)
+    return _trapezoid_by(time, volts, narrower, interval)
 
 
 def _trapezoid_by(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
@@ -310,7 +294,7 @@ def _place_waveform(
     """
     of_frequency = 0.0
     if margin == 0.0:
-        start, period, of_frequency = _refined(time, volts, period, start, shape)
+        start, period, of_frequency = _refine_timing(time, volts, period, start, shape)
     phase = np.mod((time - start) / period, 1.0)
     apart = lambda place: np.abs(np.mod(phase - place + 0.5, 1.0) - 0.5)
     kept = (apart(0.0) >= margin) & (apart(edge) >= margin) & (time >= start)
@@ -329,7 +313,7 @@ def _place_waveform(
     )  # fmt: skip
 
 
-def _refined(
+def _refine_timing(
     time: Samples, volts: Samples, period: float, start: float, shape: Callable[[Samples], Samples]
 ) -> tuple[float, float, float]:
     """Start and period of a waveform without jumps, by two steps of Gauss and Newton; the period's relative error."""
@@ -358,21 +342,21 @@ def fit_sine(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: flo
     period = period_of(flanks)
     if period is None:
         return None
-    rate, moved = 2.0 * np.pi / period, time - time[0]
-    kept = time >= flanks.rises[0] - 0.25 * period
+    rate, kept = 2.0 * np.pi / period, time >= flanks.rises[0] - 0.25 * period
+    moved, volts = time[kept] - time[0], volts[kept]
+
+    def amplitudes(rate: float) -> tuple[Samples, Samples]:
+        """Level, cosine and sine, and the waves with the derivative by the rate as the fourth."""
+        waves = np.stack([np.ones(moved.size), np.cos(rate * moved), np.sin(rate * moved)], axis=1)
+        found = np.linalg.lstsq(waves, volts, rcond=None)[0]
+        return found, np.column_stack([waves, moved * (found[2] * waves[:, 1] - found[1] * waves[:, 2])])
+
     for _ in range(6):
-        waves = np.stack([np.ones(time.size), np.cos(rate * moved), np.sin(rate * moved)], axis=1)
-        level, cosine, sine = np.linalg.lstsq(waves[kept], volts[kept], rcond=None)[0]
-        # Newton's step of the rate, with the amplitudes free.
-        tangent = moved * (sine * waves[:, 1] - cosine * waves[:, 2])
-        joined = np.column_stack([waves, tangent])[kept]
-        rate += np.linalg.lstsq(joined, volts[kept], rcond=None)[0][3]
-    waves = np.stack([np.ones(time.size), np.cos(rate * moved), np.sin(rate * moved)], axis=1)
-    level, cosine, sine = np.linalg.lstsq(waves[kept], volts[kept], rcond=None)[0]
+        rate += np.linalg.lstsq(amplitudes(rate)[1], volts, rcond=None)[0][3]
+    (level, cosine, sine), joined = amplitudes(rate)
     amplitude = math.hypot(cosine, sine)
-    left = _rms(volts[kept] - waves[kept] @ np.array([level, cosine, sine]))
-    error = 2.0 * left * math.sqrt(2.0 / np.count_nonzero(kept))
-    joined = np.column_stack([waves, moved * (sine * waves[:, 1] - cosine * waves[:, 2])])[kept]
+    left = _rms(volts - joined[:, :3] @ np.array([level, cosine, sine]))
+    error = 2.0 * left * math.sqrt(2.0 / moved.size)
     of_frequency = left * _spread(joined, [0.0, 0.0, 0.0, 1.0]) / rate
     bias = level - amplitude
     # Lowest where the cosine of the wave's turn is -1.

@@ -18,6 +18,9 @@ Entry: TypeAlias = Any
 """An entry of a state, or its rate: a number or a series.  Both go through the same functions, mixed, the flags of a
 series being numbers, and a result is of the kind of what it is made of, which no type variable says."""
 
+Entries: TypeAlias = tuple[Entry, ...]
+"""Entries of one part of a state."""
+
 
 class Parts(NamedTuple, Generic[N_co]):
     """The state of a composed stack in words."""
@@ -41,7 +44,7 @@ class Parts(NamedTuple, Generic[N_co]):
         return self.flags[0] if self.flags else 0.0
 
     @property
-    def marks(self) -> tuple[Entry, ...]:
+    def marks(self) -> Entries:
         """The flags of the stops."""
         return self.flags[1:]
 
@@ -70,7 +73,7 @@ class Layout(NamedTuple):
         return Parts(mechanics, voltage[0], slope[0] if slope else None, stops, crept, flags)
 
 
-def joined(x: Parts[Entry]) -> tuple[Entry, ...]:
+def joined(x: Parts[Entry]) -> Entries:
     """The state that has these parts."""
     slope = () if x.slope is None else (x.slope,)
     return (*x.mechanics, x.voltage, *slope, *x.stops, *x.crept, *x.flags)
@@ -137,19 +140,15 @@ class AbstractHysteresis(eqx.Module):
         """The stops after the voltage has run a way of `change` [V]."""
 
     @abc.abstractmethod
-    def rates(
-        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry
-    ) -> tuple[Entry, ...]:
+    def rates(self, stops: Entries, rises: Entry, marks: Entries, slope: Entry) -> Entries:
         """Time derivatives of the stops [V/s] under a voltage of this `slope` [V/s]."""
 
     @abc.abstractmethod
-    def bends(
-        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry, bend: Entry
-    ) -> tuple[Entry, ...]:
+    def bends(self, stops: Entries, rises: Entry, marks: Entries, slope: Entry, bend: Entry) -> Entries:
         """Second derivatives of the stops [V/s2]; `bend` [V/s2] is that of the voltage."""
 
     @abc.abstractmethod
-    def guards(self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...]) -> tuple[Entry, ...]:
+    def guards(self, stops: Entries, rises: Entry, marks: Entries) -> Entries:
         """Positive while each stop keeps its mark."""
 
     @abc.abstractmethod
@@ -175,17 +174,13 @@ class Elements(AbstractHysteresis):
     def driven(self, stops: tuple[Scalar, ...], change: ScalarLike) -> tuple[Scalar, ...]:
         return tuple(jnp.clip(s + change, -r, r) for s, r in zip(stops, self.thresholds, strict=True))
 
-    def rates(
-        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry
-    ) -> tuple[Entry, ...]:
+    def rates(self, stops: Entries, rises: Entry, marks: Entries, slope: Entry) -> Entries:
         return tuple(slope * (1.0 - slip) for slip in marks)
 
-    def bends(
-        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry, bend: Entry
-    ) -> tuple[Entry, ...]:
+    def bends(self, stops: Entries, rises: Entry, marks: Entries, slope: Entry, bend: Entry) -> Entries:
         return tuple((1.0 - slip) * bend for slip in marks)
 
-    def guards(self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...]) -> tuple[Entry, ...]:
+    def guards(self, stops: Entries, rises: Entry, marks: Entries) -> Entries:
         elements = zip(stops, marks, self.thresholds, strict=True)
         return tuple((r - s * rises) * (1.0 - slip) + slip for s, slip, r in elements)
 
@@ -215,18 +210,14 @@ class BoucWen(AbstractHysteresis):
     def driven(self, stops: tuple[Scalar, ...], change: ScalarLike) -> tuple[Scalar, ...]:
         return (after_jump(stops[0], change, 1.0, self.beta, self.gamma),)
 
-    def rates(
-        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry
-    ) -> tuple[Entry, ...]:
+    def rates(self, stops: Entries, rises: Entry, marks: Entries, slope: Entry) -> Entries:
         return (slope - slope * stops[0] * self._decay(rises, marks),)
 
-    def bends(
-        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry, bend: Entry
-    ) -> tuple[Entry, ...]:
+    def bends(self, stops: Entries, rises: Entry, marks: Entries, slope: Entry, bend: Entry) -> Entries:
         (rate,) = self.rates(stops, rises, marks, slope)
         return (bend - (stops[0] * bend + slope * rate) * self._decay(rises, marks),)
 
-    def guards(self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...]) -> tuple[Entry, ...]:
+    def guards(self, stops: Entries, rises: Entry, marks: Entries) -> Entries:
         return (stops[0] * marks[0],)
 
     def marks_after(self, marks: tuple[Scalar, ...], which: Scalar) -> tuple[Scalar, ...]:
@@ -236,7 +227,7 @@ class BoucWen(AbstractHysteresis):
         h = stops[0]
         return (jnp.where(h == 0.0, rises, jnp.where(h > 0.0, 1.0, -1.0)),)
 
-    def _decay(self, rises: Entry, marks: tuple[Entry, ...]) -> Entry:
+    def _decay(self, rises: Entry, marks: Entries) -> Entry:
         """Decay rate of h along the path of the voltage [1/V], signed as its slope."""
         return rises * self.beta + marks[0] * self.gamma
 
@@ -286,11 +277,11 @@ class Ceramic(NamedTuple):
             total = total + (slope * share - rate) * (1.0 / time)
         return total
 
-    def stop_rates(self, x: Parts[Entry], slope: Entry) -> tuple[Entry, ...]:
+    def stop_rates(self, x: Parts[Entry], slope: Entry) -> Entries:
         """Time derivatives of the elements of hysteresis [V/s]."""
         return self.hysteresis.rates(x.stops, x.rises, x.marks, slope)
 
-    def creep_rates(self, x: Parts[Entry]) -> tuple[Entry, ...]:
+    def creep_rates(self, x: Parts[Entry]) -> Entries:
         """Time derivatives of the elements of creep [m/s]."""
         elements = zip(x.crept, self.shares, self.times, strict=True)
         return tuple((x.voltage * share - c) * (1.0 / time) for c, share, time in elements)

@@ -98,6 +98,17 @@ def fields_of(composition: Composition) -> list[Field]:
     """The parameters of a stack, in the order in which reports show them."""
     ends = "in the end" if composition.hysteresis == "maxwell-slip" else "right after a turn"
     gain = quantity(0.8e-7, "m/V", positive=False, low=0.0, linear=True)
+    weight = quantity(1.5e-9, "m/V", positive=False, low=0.0, linear=True)
+    creep = [
+        Field(f"creep_{j}", weight, f"Displacement per volt that element {j} of creep adds in the end [m/V].")
+        for j in range(1, composition.creep + 1)
+    ]
+    if creep:
+        time = "Time of the fastest element [s]; each other is ten times as slow."
+        creep.append(Field("creep_time", quantity(0.05, "s"), time))
+    volts = quantity(0.0, "V", positive=False, optional=True)
+    left = quantity(0.0, "m", positive=False, optional=True, linear=True)
+    peak = "Voltage to which it had been driven before that rest, from 0 V [V]."
     return [
         Field("gain", gain, f"Displacement per volt C that follows at once, {ends} [m/V]; may be 0."),
         *_dynamics_fields(composition),
@@ -110,8 +121,13 @@ def fields_of(composition: Composition) -> list[Field]:
             )
             for k in range(2, composition.asymmetry + 1)
         ),
-        *_creep_fields(composition),
-        *_history_fields(composition),
+        *creep,
+        Field("initial_voltage", volts, "Voltage at which the stack had long rested before t = 0 [V]."),
+        *([Field("initial_peak", volts, peak)] if composition.hysteresis != "none" else []),
+        *(
+            Field(f"initial_creep_{j}", left, f"What element {j} of creep is ahead of that rest at t = 0 [m].")
+            for j in range(1, composition.creep + 1)
+        ),
     ]
 
 
@@ -179,35 +195,6 @@ def _hysteresis_fields(composition: Composition) -> list[Field]:
             f"{word}_range",
             quantity(30.0, "V"),
             f"Threshold of the last element [V]; element j has j/{composition.elements} of it.",
-        ),
-    ]
-
-
-def _creep_fields(composition: Composition) -> list[Field]:
-    if not composition.creep:
-        return []
-    weight = quantity(1.5e-9, "m/V", positive=False, low=0.0, linear=True)
-    shares = [
-        Field(f"creep_{j}", weight, f"Displacement per volt that element {j} of creep adds in the end [m/V].")
-        for j in range(1, composition.creep + 1)
-    ]
-    time = quantity(0.05, "s")
-    return [*shares, Field("creep_time", time, "Time of the fastest element [s]; each other is ten times as slow.")]
-
-
-def _history_fields(composition: Composition) -> list[Field]:
-    volts = quantity(0.0, "V", positive=False, optional=True)
-    left = quantity(0.0, "m", positive=False, optional=True, linear=True)
-    return [
-        Field("initial_voltage", volts, "Voltage at which the stack had long rested before t = 0 [V]."),
-        *(
-            [Field("initial_peak", volts, "Voltage to which it had been driven before that rest, from 0 V [V].")]
-            if composition.hysteresis != "none"
-            else []
-        ),
-        *(
-            Field(f"initial_creep_{j}", left, f"What element {j} of creep is ahead of that rest at t = 0 [m].")
-            for j in range(1, composition.creep + 1)
         ),
     ]
 

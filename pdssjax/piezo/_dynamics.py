@@ -293,11 +293,7 @@ class Modal(AbstractDynamics):
             stiff = 1.0 - 2.0 * mode.damping / mode.frequency * aim.rates + (aim.rates / mode.frequency) ** 2
             decays = mode.share * aim.amplitudes / stiff
             free, speed = damped(
-                y - level - jnp.sum(decays),
-                w + jnp.sum(aim.rates * decays),
-                mode.frequency,
-                mode.damping,
-                elapsed,
+                y - level - jnp.sum(decays), w + jnp.sum(aim.rates * decays), mode.frequency, mode.damping, elapsed
             )
             curved = _value([c * h for c, h in zip(curve, follows[1:], strict=True)], elapsed) * elapsed
             slope = _value([k * c * h for k, (c, h) in enumerate(zip(curve, follows, strict=False), start=1)], elapsed)

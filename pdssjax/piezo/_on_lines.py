@@ -178,10 +178,7 @@ def _free(dynamics: AbstractDynamics, state: Float[Array, " q"], time: ScalarLik
 
 
 def _recurrence(
-    begin: Float[Array, " q"],
-    factors: Array,
-    added: Float[Array, "k q"],
-    times: Callable[[Array, Array], Array],
+    begin: Float[Array, " q"], factors: Array, added: Float[Array, "k q"], times: Callable[[Array, Array], Array]
 ) -> Float[Array, "k q"]:
     """x_0 = `begin`, x_(k+1) = factor_k x_k + added_k: the first k of them."""
 

@@ -7,7 +7,8 @@ import html
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -15,75 +16,54 @@ from ..core import Figure, InputError, display_unit, draw_in_notebook, member_na
 from ..design import Plan
 from ..selection import Comparison
 from ..simulation import TRAJECTORY_UNITS, Trajectory
-from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Record, Study
+from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Study
 from .page import Table, plan_html, table_html
 from .text import parameter_cells, selection_sentences
 
 
 def as_html(shown: object) -> str:
     """A result as a piece of HTML."""
-    if isinstance(shown, Estimate):
-        return estimate_html(shown)
-    if isinstance(shown, Study):
-        return study_html(shown)
-    if isinstance(shown, Trajectory):
-        return trajectory_html(shown)
-    if isinstance(shown, Plan):
-        return plan_html(shown)
-    if isinstance(shown, Comparison):
-        return comparison_html(shown)
+    ways: dict[type, Callable[[Any], str]] = {
+        Estimate: _estimate_html,
+        Study: _study_html,
+        Trajectory: _trajectory_html,
+        Plan: plan_html,
+        Comparison: _comparison_html,
+    }
+    for kind, html_of in ways.items():
+        if isinstance(shown, kind):
+            return html_of(shown)
     raise TypeError(f"Argument `shown` must be a result, but it is a {type(shown).__name__}")
 
 
 def as_figure(shown: object, what: str | None = None) -> Figure:
     """A result as a figure; **raises** `InputError` for a `what` that it does not have."""
-    figure = _figure(shown, what)
+    from . import figures
+
+    match shown:
+        case Estimate():
+            figure = _estimate_figure(shown, what)
+        case Study():
+            figure = figures.study_figure(shown)
+        case Trajectory():
+            figure = figures.trajectory_figure(shown)
+        case Plan():
+            figure = figures.design_figure(shown)
+        case Comparison():
+            figure = _comparison_figure(shown, what)
+        case _:
+            figure = figures.sweep_figure(shown)  # pyright: ignore[reportArgumentType]
     draw_in_notebook(type(figure))
     return figure
 
 
-def _figure(shown: object, what: str | None) -> Figure:
-    from .figures import design_figure, study_figure, sweep_figure, trajectory_figure
-
-    if isinstance(shown, Estimate):
-        return _estimate_figure(shown, what)
-    if isinstance(shown, Study):
-        return study_figure(shown)
-    if isinstance(shown, Trajectory):
-        return trajectory_figure(shown)
-    if isinstance(shown, Plan):
-        return design_figure(shown)
-    if isinstance(shown, Comparison):
-        return _comparison_figure(shown, what)
-    return sweep_figure(shown)  # pyright: ignore[reportArgumentType]
-
-
 def _estimate_figure(estimate: Estimate, what: str | None) -> Figure:
-    from .figures import (
-        amplification_figure,
-        correlation_figure,
-        draws_figure,
-        error_figure,
-        estimate_figure,
-        multistart_figure,
-        profile_figure,
-        record_figure,
-    )
+    from .figures import estimate_figure, parameter_figures, record_figure
 
-    known = {"errors": lambda: error_figure(estimate)}
-    if len(estimate.names) > 1:
-        known["correlations"] = lambda: correlation_figure(estimate)
-    if estimate.profiles:
-        known["profiles"] = lambda: profile_figure(estimate.profiles, estimate.parameters)
-    if estimate.draws is not None:
-        known["draws"] = lambda: draws_figure(estimate)
-    if (starts := estimate.multistart) is not None:
-        known["starts"] = lambda: multistart_figure(starts)
-    if (amplification := estimate.amplification) is not None:
-        known["amplification"] = lambda: amplification_figure(amplification)
-    known |= {record.name: lambda record=record: record_figure(record) for record in estimate.records}
     if what is None:
         return estimate_figure(estimate)
+    known = parameter_figures(estimate)
+    known |= {record.name: lambda record=record: record_figure(record) for record in estimate.records}
     if what not in known:
         raise InputError(f'plot: found "{what}", expected one of {", ".join(known)}.')
     return known[what]()
@@ -93,25 +73,23 @@ def write_report(shown: object, path: str | os.PathLike[str], overwrite: bool) -
     """Write a result into one HTML file; **raises** `InputError` as `write_page` does."""
     from .page import comparison_page, estimate_page, write_page
 
-    if isinstance(shown, Comparison):
-        write_page(path, comparison_page(shown), overwrite=overwrite)
-    elif isinstance(shown, Estimate):
-        write_page(path, estimate_page(shown), overwrite=overwrite)
-    else:
+    if not isinstance(shown, Comparison | Estimate):
         raise TypeError(f"Argument `shown` must be an estimate or a comparison, but it is a {type(shown).__name__}")
+    page = comparison_page(shown) if isinstance(shown, Comparison) else estimate_page(shown)
+    write_page(path, page, overwrite=overwrite)
 
 
 def _table(align: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Rows below a head; `align` holds "<" or ">" for each column."""
-    return table_html(Table([units(cell) for cell in head], [[units(cell) for cell in row] for row in rows], align))
+    return table_html(Table(list(map(_units, head)), [list(map(_units, row)) for row in rows], align))
 
 
-def paragraph(strong: str, text: str) -> str:
+def _paragraph(strong: str, text: str) -> str:
     """A paragraph of one line, what matters most of it in bold."""
-    return f"<p><strong>{html.escape(strong)}</strong> {html.escape(units(text))}".rstrip() + "</p>"
+    return f"<p><strong>{html.escape(strong)}</strong> {html.escape(_units(text))}".rstrip() + "</p>"
 
 
-def folded(title: str, lines: Sequence[str]) -> str:
+def _folded(title: str, lines: Sequence[str]) -> str:
     """Lines that open at a click; nothing where there are none."""
     if not lines:
         return ""
@@ -119,37 +97,32 @@ def folded(title: str, lines: Sequence[str]) -> str:
     return f"<details><summary>{html.escape(title)} ({len(lines)})</summary><ul>{items}</ul></details>"
 
 
-def units(text: str) -> str:
+def _units(text: str) -> str:
     """Micro as a letter of its own, since HTML is no terminal."""
     return re.sub(r"\bum\b", "µm", text)
 
 
-def estimate_html(estimate: Estimate) -> str:
+def _estimate_html(estimate: Estimate) -> str:
     """The tables of the report, and its notes folded."""
-    parameters = list(estimate.parameters.values())
-    parts = [
-        paragraph(estimate.title, _outcome(estimate)),
-        _table(
-            "<>>><<<",
-            ["parameter", "value", "+/-", "", "unit", "95 % interval", ""],
-            [_fitted_parameter(parameter) for parameter in parameters],
-        ),
-        _table(
-            "<<>>>>><",
-            ["record", "role", "samples", "r2", "rmse", "noise", "chi2/n", "unit"],
-            [_fitted_record(record) for record in estimate.records],
-        ),
-        folded("Notes", estimate.notes),
-    ]
-    return "\n".join(filter(None, parts))
-
-
-def _outcome(estimate: Estimate) -> str:
     verdict = estimate.verdict if estimate.success else estimate.verdict.upper()
     known = not estimate.statistics.noise_estimated
     chi2 = f", reduced chi-square {estimate.statistics.reduced_chi2:.5g}" if known else ""
     more = "" if estimate.explained else f"; {estimate.why_unexplained}, see the notes"
-    return f"{estimate.method} fit {verdict}: {estimate.message}{chi2}{more}"
+    parts = [
+        _paragraph(estimate.title, f"{estimate.method} fit {verdict}: {estimate.message}{chi2}{more}"),
+        _table(
+            "<>>><<<",
+            ["parameter", "value", "+/-", "", "unit", "95 % interval", ""],
+            list(map(_fitted_parameter, estimate.parameters.values())),
+        ),
+        _table(
+            "<<>>>>><",
+            ["record", "role", "samples", "r2", "rmse", "noise", "chi2/n", "unit"],
+            list(map(_fitted_record, estimate.records)),
+        ),
+        _folded("Notes", estimate.notes),
+    ]
+    return "\n".join(filter(None, parts))
 
 
 def _fitted_parameter(parameter: FittedParameter) -> list[str]:
@@ -179,27 +152,30 @@ def _fitted_record(record: FittedRecord) -> list[str]:
     ]
 
 
-def study_html(study: Study) -> str:
+def _study_html(study: Study) -> str:
     """A study as HTML: its models, parameters and records."""
     reading = f" ({study.friction_state} state)" if study.friction.__name__.startswith("Anisotropic") else ""
     feedback = ", with friction feedback" if study.feedback else ""
     resting = ", at rest under its load from the beginning" if study.rests_under_load else ""
     models = f"piezo: {member_name(study.piezo)}, friction: {member_name(study.friction)}{reading}{feedback}{resting}"
-    return "\n".join(
-        [
-            paragraph(study.title, models),
-            _table(
-                "<<><<",
-                ["parameter", "", "number", "unit", "bounds given"],
-                [_study_parameter(parameter) for parameter in study.parameters.values()],
-            ),
-            _table(
-                "<<<<>>>",
-                ["record", "measures", "role", "drive", "samples", "from (s)", "to (s)"],
-                [_study_record(record) for record in study.records],
-            ),
-        ]
-    )
+    record_cells = lambda record: [
+        *(record.name, record.measures, record.role, record.excitation, str(record.time.size)),
+        *(f"{record.time[at]:.4g}" for at in (0, -1)),
+    ]
+    parts = [
+        _paragraph(study.title, models),
+        _table(
+            "<<><<",
+            ["parameter", "", "number", "unit", "bounds given"],
+            list(map(_study_parameter, study.parameters.values())),
+        ),
+        _table(
+            "<<<<>>>",
+            ["record", "measures", "role", "drive", "samples", "from (s)", "to (s)"],
+            list(map(record_cells, study.records)),
+        ),
+    ]
+    return "\n".join(parts)
 
 
 def _study_parameter(parameter: Parameter) -> list[str]:
@@ -214,36 +190,27 @@ def _study_parameter(parameter: Parameter) -> list[str]:
     return [parameter.path, kind, number, unit, bounds]
 
 
-def _study_record(record: Record) -> list[str]:
-    ends = [f"{record.time[at]:.4g}" for at in (0, -1)]
-    return [record.name, record.measures, record.role, record.excitation, str(record.time.size), *ends]
-
-
-def trajectory_html(run: Trajectory) -> str:
+def _trajectory_html(run: Trajectory) -> str:
     """The least, the greatest and the last value of every channel, with its unit."""
     if np.ndim(run.time) != 1:
-        return paragraph("Trajectory", f"of arrays of shape {np.shape(run.effector)}")
+        return _paragraph("Trajectory", f"of arrays of shape {np.shape(run.effector)}")
     rows = []
     for name, unit in TRAJECTORY_UNITS.items():
         shown, scale = display_unit(unit)
         values = scale * np.asarray(getattr(run, name))
         rows.append([name, *(f"{number:.5g}" for number in (values.min(), values.max(), values[-1])), shown])
     outcome = run.message or f"{int(run.steps)} steps, {int(run.events)} switches of the mode"
-    return "\n".join(
-        [
-            paragraph(f"Trajectory of {np.size(run.time)} samples", outcome),
-            _table("<>>><", ["", "least", "greatest", "last", "unit"], rows),
-        ]
-    )
+    head = ["", "least", "greatest", "last", "unit"]
+    return f"{_paragraph(f'Trajectory of {np.size(run.time)} samples', outcome)}\n{_table('<>>><', head, rows)}"
 
 
-def comparison_html(found: Comparison) -> str:
+def _comparison_html(found: Comparison) -> str:
     """The answer and the table of models."""
     words = selection_sentences(found)
     first, *others = words.answer
     table = table_html(Table(words.head, words.rows, "<>>>>>><"))
-    parts = [paragraph(found.title, first), table, *(paragraph("", text) for text in others)]
-    return "\n".join([*parts, folded("What each other model leaves", words.lacks)]).strip()
+    parts = [_paragraph(found.title, first), table, *(_paragraph("", text) for text in others)]
+    return "\n".join([*parts, _folded("What each other model leaves", words.lacks)]).strip()
 
 
 def _comparison_figure(found: Comparison, what: str | None) -> Figure:

@@ -80,11 +80,11 @@ class Task(NamedTuple):
     parts: tuple[Part, ...] = ()
     """Parts to hold out in the end."""
     best: float = np.inf
-    """Deviance and twice the number of parameters of the best model; infinite where none is known that is right."""
+    """AIC of the best model; infinite where none is known that is right."""
 
     @property
     def most(self) -> float:
-        """Deviance and twice the number of parameters up to which a model may still turn out to be as good."""
+        """AIC up to which a model may still turn out to be as good."""
         samples = sum(record.time.size for record in self.candidate.study.records if record.role == "fit")
         return self.best + HOPELESS * samples
 
@@ -152,11 +152,13 @@ def fit_all(
             if any(c.name not in done for c in before):
                 return None
             if right := [done[c.name] for c in before if done[c.name].explained]:
-                best = min(right, key=_misfit)
-                return Task(candidate, effort, best, best=_misfit(best))
+                best = min(right, key=lambda fitted: fitted.aic)
+                return Task(candidate, effort, best, best=best.aic)
             if (neighbour := near[candidate.name]) is not None and neighbour not in done:
                 return None
-            return Task(candidate, effort, _nearest_fitted(candidate, near, done))
+            while neighbour is not None and not done[neighbour].has_optimum:
+                neighbour = near.get(neighbour)
+            return Task(candidate, effort, None if neighbour is None else done[neighbour])
 
         run(fit_candidate, [c for c in own if c.name not in done], lambda c: Task(c, effort))
         own_is_right = any(done[c.name].explained for c in own)
@@ -166,11 +168,19 @@ def fit_all(
         for some in _to_compare(open_ones, done):
             run(compare_starts, some, lambda candidate: Task(candidate, effort, earlier=done[candidate.name]))
         best = _best(done)
-        least = np.inf if best is None else _misfit(best)
+        least = np.inf if best is None else best.aic
 
         def to_finish(candidate: Candidate) -> Task:
-            fitted = done[candidate.name]
-            return Task(candidate, effort, _worth_trying(fitted, best), fitted, parts, least)
+            fitted, near = done[candidate.name], best
+            # Nothing is to be tried where it is the best itself, ended well, or has begun there already.
+            if (
+                best is None
+                or best.name == fitted.name
+                or (fitted.explained and fitted.converged)
+                or (fitted.start == best.name and not best.compared)
+            ):
+                near = None
+            return Task(candidate, effort, near, fitted, parts, least)
 
         run(finish, open_ones(), to_finish)
     return done
@@ -183,49 +193,18 @@ def _to_compare(
     in_vain = 0
     while (best := _best(done)) is not None and not best.explained and in_vain < IN_VAIN:
         left = [c for c in open_ones() if not done[c.name].compared]
-        some = sorted(left, key=lambda c: _misfit(done[c.name]))[:COMPARED_AT_ONCE]
+        some = sorted(left, key=lambda c: done[c.name].aic)[:COMPARED_AT_ONCE]
         if not some:
             return
         yield some
         better = _best(done)
-        in_vain = 0 if better is not None and _misfit(better) < _misfit(best) - NO_BETTER else in_vain + 1
-
-
-def _misfit(fitted: FittedCandidate) -> float:
-    """Deviance and twice the number of free parameters; infinite where there is no fit."""
-    return fitted.deviance + 2.0 * len(fitted.free) if _is_usable(fitted) else np.inf
-
-
-def _is_usable(fitted: FittedCandidate) -> bool:
-    return not fitted.failure and bool(np.isfinite(fitted.deviance))
+        in_vain = 0 if better is not None and better.aic < best.aic - NO_BETTER else in_vain + 1
 
 
 def _best(done: Mapping[str, FittedCandidate]) -> FittedCandidate | None:
     """The model that explains most for its parameters; None where there is no fit."""
-    best = min(done.values(), key=_misfit)
-    return best if _is_usable(best) else None
-
-
-def _worth_trying(fitted: FittedCandidate, best: FittedCandidate | None) -> FittedCandidate | None:
-    """The `best` model, where a model that explains less has not begun at its optimum yet."""
-    if best is None or best.name == fitted.name or (fitted.explained and fitted.converged):
-        return None
-    begun_there = fitted.start == best.name and not best.compared
-    return None if begun_there else best
-
-
-def _free_values(fitted: FittedCandidate) -> dict[str, float]:
-    return {path: fitted.values[path] for path in fitted.free}
-
-
-def _nearest_fitted(
-    candidate: Candidate, near: Mapping[str, str | None], done: Mapping[str, FittedCandidate]
-) -> FittedCandidate | None:
-    """The nearest simpler candidate that has a fit."""
-    name = near[candidate.name]
-    while name is not None and not _is_usable(done[name]):
-        name = near.get(name)
-    return None if name is None else done[name]
+    best = min(done.values(), key=lambda fitted: fitted.aic)
+    return best if best.has_optimum else None
 
 
 def _timed(work: Callable[[Task], Answer]) -> Callable[[Task], Answer]:
@@ -260,11 +239,11 @@ def fit_candidate(task: Task) -> Answer:
     """
     own, near = task.candidate.study, task.near
     if near is None:
-        return _fit_as_long_as_close(task, own, STUDY)
-    first = _fit_as_long_as_close(task, starting_near(task.candidate, _free_values(near)), near.name)
+        return _fit_while_close(task, own, STUDY)
+    first = _fit_while_close(task, starting_near(task.candidate, near.optimum), near.name)
     if first[0].deviance <= near.deviance + NO_BETTER or np.isfinite(task.best):
         return first
-    return _better(first, _fit_once(task, own, STUDY, FIRST))
+    return _lower_deviance(first, _fit_once(task, own, STUDY, FIRST))
 
 
 @_timed
@@ -272,7 +251,7 @@ def compare_starts(task: Task) -> Answer:
     """Fit a candidate from the study's own starts, compared with other starts where that is poor."""
     estimate = identify(task.candidate.study, effort=task.effort, progress=quiet)
     assert task.earlier is not None
-    found = _better((task.earlier, None), _answer_of(task, estimate, STUDY))
+    found = _lower_deviance((task.earlier, None), _answer_of(task, estimate, STUDY))
     return dataclasses.replace(found[0], compared=True), found[1]
 
 
@@ -287,14 +266,14 @@ def finish(task: Task) -> Answer:
     found: Answer = task.earlier, None
     if task.near is not None:
         begun = dataclasses.replace(task.candidate, study=_starting_where_it_ended(task.candidate, found[0]))
-        near = starting_near(begun, _free_values(task.near))
-        found = _better(found, _fit_as_long_as_close(task, near, task.near.name))
-    is_close = _misfit(found[0]) <= task.most
+        near = starting_near(begun, task.near.optimum)
+        found = _lower_deviance(found, _fit_while_close(task, near, task.near.name))
+    is_close = found[0].aic <= task.most
     if is_close and not found[0].converged:
         reached = _starting_where_it_ended(task.candidate, found[0])
-        found = _better(found, _fit_once(task, reached, found[0].start))
+        found = _lower_deviance(found, _fit_once(task, reached, found[0].start))
     fitted, estimate = found
-    if not _is_usable(fitted):
+    if not fitted.has_optimum:
         return failed(task.candidate, f"the fit has no end: {fitted.message}"), estimate
     if is_close:
         predicted, refitted = held_out(task.candidate.study, fitted, task.parts)
@@ -313,18 +292,18 @@ def finish(task: Task) -> Answer:
 
 def _starting_where_it_ended(candidate: Candidate, fitted: FittedCandidate) -> Study:
     """The candidate's study with the optimum of a fit of it as starts; as it is where that fit has no end."""
-    return starting_near(candidate, _free_values(fitted)) if _is_usable(fitted) else candidate.study
+    return starting_near(candidate, fitted.optimum) if fitted.has_optimum else candidate.study
 
 
-def _fit_as_long_as_close(task: Task, study: Study, start: str) -> Answer:
+def _fit_while_close(task: Task, study: Study, start: str) -> Answer:
     """The first fit of a `study`, broken off where it leaves much more than the best model."""
     if not np.isfinite(task.best):
         return _fit_once(task, study, start, FIRST)
     first = _fit_once(task, study, start, EARLY)
-    if first[0].converged or _misfit(first[0]) > task.most:
+    if first[0].converged or first[0].aic > task.most:
         return first
     reached = _starting_where_it_ended(task.candidate, first[0])
-    return _better(first, _fit_once(task, reached, start, FIRST - EARLY))
+    return _lower_deviance(first, _fit_once(task, reached, start, FIRST - EARLY))
 
 
 def _fit_once(task: Task, study: Study, start: str, most: int | None = None) -> Answer:
@@ -341,9 +320,9 @@ def _answer_of(task: Task, estimate: Estimate, start: str) -> Answer:
     return fitted_candidate(task.candidate, estimate, start), estimate
 
 
-def _better(one: Answer, other: Answer) -> Answer:
+def _lower_deviance(one: Answer, other: Answer) -> Answer:
     """The fit of the lower deviance, the first where they are equal."""
-    return other if _misfit(other[0]) < _misfit(one[0]) - 1e-3 * NO_BETTER else one
+    return other if other[0].aic < one[0].aic - 1e-3 * NO_BETTER else one
 
 
 def fitted_candidate(candidate: Candidate, estimate: Estimate, start: str) -> FittedCandidate:

@@ -9,7 +9,7 @@ import dataclasses
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 
-from ..core import InputError, Quantity, member, member_name, members, nearest
+from ..core import InputError, member, member_name, members, nearest
 from ..study import MARK, Constraint, Models, Parameter, Study, split_path
 
 ALL = "all"
@@ -76,25 +76,21 @@ def candidates_of(
     """
     if friction is None and piezo is None and feedback is None:
         friction = [ALL]
-    own = (member_name(study.piezo), _law_name(study.friction, study.friction_state), study.feedback)
-    laws = _names(friction, "friction", own[1])
-    stacks = _names(piezo, "piezo", own[0])
+    law, others = member_name(study.friction), _readings(study.friction)[1:]
+    law += f":{study.friction_state}" if study.friction_state in others else ""
+    own = (member_name(study.piezo), law, study.feedback)
+    laws = _checked_names(friction, "friction", own[1])
+    stacks = _checked_names(piezo, "piezo", own[0])
     readings = [own[2], *(bool(reading) for reading in feedback or ())]
     chosen = dict.fromkeys(itertools.product(stacks, laws, readings))
     if len(chosen) < 2:
         raise InputError(
-            f"{study.path or study.title}: found one model to compare ({_shown(own, (True, True, True))}), expected "
+            f"{study.path or study.title}: found one model to compare ({_label(own, (True, True, True))}), expected "
             "another friction law, piezo or reading of the feedback beside the study's own."
         )
     differs = tuple(len({choice[part] for choice in chosen}) > 1 for part in range(3))
-    found = [_candidate(study, *choice, _shown(choice, differs)) for choice in chosen]
+    found = [_candidate(study, *choice, _label(choice, differs)) for choice in chosen]
     return tuple(sorted(found, key=lambda candidate: (len(candidate.free), candidate.name)))
-
-
-def _law_name(law: type, state: str) -> str:
-    """The name of a friction law, with the reading of its state where that is not the first one."""
-    readings = _readings(law)
-    return f"{member_name(law)}:{state}" if readings and state != readings[0] else member_name(law)
 
 
 def _readings(law: type) -> tuple[str, ...]:
@@ -102,7 +98,7 @@ def _readings(law: type) -> tuple[str, ...]:
     return _STATES if hasattr(law, "state") else ()
 
 
-def _names(given: Iterable[str] | None, family: str, own: str) -> list[str]:
+def _checked_names(given: Iterable[str] | None, family: str, own: str) -> list[str]:
     """The names that are `given`, checked, the study's `own` first."""
     if isinstance(given, str):
         raise InputError(f'{family}: found the text "{given}", expected a list of names such as ["{own}"].')
@@ -124,8 +120,7 @@ def _check_name(family: str, name: object) -> None:
     if not mark:
         return
     if family == "friction":
-        readings = _readings(member(family, base))
-        if variant not in readings:
+        if variant not in (readings := _readings(member(family, base))):
             expected = nearest(variant, readings) if readings else f"{base} has one reading, without a colon."
             raise InputError(f'{family}: found the reading "{variant}" of {base}; {expected}')
     elif not hasattr(member(family, base), "variant"):
@@ -139,7 +134,7 @@ def _check_name(family: str, name: object) -> None:
             ) from error
 
 
-def _shown(choice: tuple[str, str, bool], parts: Sequence[bool]) -> str:
+def _label(choice: tuple[str, str, bool], parts: Sequence[bool]) -> str:
     stack, law, feedback = choice
     words = stack, law, "feedback" if feedback else "no feedback"
     return ", ".join(word for word, part in zip(words, parts, strict=True) if part) or law
@@ -176,28 +171,24 @@ def _candidate(study: Study, stack: str, law: str, feedback: bool, name: str) ->
 def _parameters(study: Study, models: Models) -> tuple[dict[str, Parameter], list[str]]:
     """The parameters of the study under other `models`, and those with a condition that these have not.
 
-    What both models declare stays as the study has it; what only the new one needs is free, without a start.
+    What both models declare stays as the study has it; what only the new one needs, since the study lists others of the
+    same part, is free and without a start.
     """
-    declared = models.declared()
-    own = study.models.declared()
+    declared, own = models.declared(), study.models.declared()
     kept = {
         path: parameter
         for path, parameter in study.parameters.items()
         if split_path(path)[0] in declared or split_path(path)[0] not in own
     }
     lost = [path for path in study.parameters if MARK in path and path not in kept]
-    families = {path.partition(".")[0] for path in study.parameters}
-    needed = [path for path, quantity in declared.items() if _is_needed(path, quantity, models, families)]
-    added = {path: Parameter(path, declared[path].unit, declared[path]) for path in needed if path not in kept}
+    families = {path.partition(".")[0] for path in study.parameters} & {"piezo", "friction"}
+    added = {
+        path: Parameter(path, quantity.unit, quantity)
+        for path, quantity in declared.items()
+        if path not in kept
+        and (models.feedback if path == "piezo.mass" else path.partition(".")[0] in families and not quantity.optional)
+    }
     return kept | added, lost
-
-
-def _is_needed(path: str, declared: Quantity, models: Models, families: set[str]) -> bool:
-    """Whether a study under `models` has to list a parameter, since it lists others of the same part."""
-    if path == "piezo.mass":
-        return models.feedback
-    family = path.partition(".")[0]
-    return family in ("piezo", "friction") and family in families and not declared.optional
 
 
 def neighbours(candidates: Sequence[Candidate]) -> dict[str, str | None]:
@@ -208,13 +199,13 @@ def neighbours(candidates: Sequence[Candidate]) -> dict[str, str | None]:
     out: dict[str, str | None] = {}
     possible = [candidate for candidate in candidates if not candidate.refused]
     for place, candidate in enumerate(possible):
-        shared = {other.name: _shared(candidate, other) for other in possible[:place]}
+        shared = {other.name: _count_shared(candidate, other) for other in possible[:place]}
         most = max(shared.values(), default=0)
         out[candidate.name] = next(name for name, count in shared.items() if count == most) if most else None
     return out
 
 
-def _shared(candidate: Candidate, other: Candidate) -> int:
+def _count_shared(candidate: Candidate, other: Candidate) -> int:
     """How many of a candidate's free parameters begin where those of the `other` end; a shared model counts, too."""
     mine, theirs = candidate.study, other.study
     same = sum((mine.piezo is theirs.piezo, mine.friction is theirs.friction, mine.feedback == theirs.feedback))
@@ -242,7 +233,9 @@ def _number_of(path: str, values: Mapping[str, float]) -> float | None:
     A parameter of one direction takes that of a law without directions, and this the geometric mean of both.
     """
     base, condition = split_path(path)
-    for name in _names_of(base):
+    plain = next((base.removesuffix(end) for end in _DIRECTIONS if base.endswith(end)), base)
+    # Its own path first, then those under which other laws have this parameter.
+    for name in dict.fromkeys([base, plain, *_MEANS_THE_SAME.get(plain, ())]):
         for wanted in dict.fromkeys((f"{name}{MARK}{condition}" if condition else name, name)):
             if wanted in values:
                 return float(values[wanted])
@@ -250,9 +243,3 @@ def _number_of(path: str, values: Mapping[str, float]) -> float | None:
             if min(both) > 0.0:
                 return (both[0] * both[1]) ** 0.5
     return None
-
-
-def _names_of(path: str) -> list[str]:
-    """The paths under which other laws have this parameter, its own first."""
-    plain = next((path.removesuffix(end) for end in _DIRECTIONS if path.endswith(end)), path)
-    return list(dict.fromkeys([path, plain, *_MEANS_THE_SAME.get(plain, ())]))

@@ -23,7 +23,7 @@ from .candidate_fits import CandidateStore, fit_all
 from .candidates import Candidate, candidates_of
 from .comparison import Comparison, DiscriminatingRecord, FittedCandidate, Misfit, Result
 from .held_out import Part, parts_of
-from .scores import CommonNoise, Fitness, Scores, choose, common_noise, fitness, groups_of, scores_of
+from .scores import CommonNoise, choose, common_noise, fitness, groups_of, scores_of
 
 EFFORT = "quick"
 """Effort of each fit unless given: a law that is wrong is poor from every start, and would try them all."""
@@ -82,11 +82,27 @@ def judged(
         results = tuple(Result(fitted[name]) for name in order)
         return Comparison(study.title, results, "", "", (), {}, 0, 0, study.records)
     noises = _noises(study, [fitted[name] for name in good])
-    fits = _fits(study, fitted, good, noises)
+    pick = lambda values: [value for value, r in zip(values, study.records, strict=True) if r.role == "fit"]
+    known = pick(study.records), pick(noises)
+    fits = {name: fitness(*known, pick(fitted[name].residuals), len(fitted[name].free)) for name in good}
     scores = scores_of(study.records, noises, parts, {name: fitted[name].held_out for name in good}, fits)
     chosen, best = choose(good, scores)
     groups = groups_of(good, chosen, best, scores)
-    results = _results(study, order, fitted, noises, scores, best, groups)
+    time_scores, record_scores = scores.only("time", "validation"), scores.only("record", "validation")
+    least = min(fit.criterion for fit in scores.fits.values())
+
+    def beside_best(name: str) -> Result:
+        if fitted[name].failure:
+            return Result(fitted[name])
+        return Result(
+            fitted[name],
+            time_scores.difference(best, name),
+            record_scores.difference(best, name) if record_scores.parts else None,
+            scores.fits[name].criterion - least,
+            next(number for number, group in enumerate(groups) if name in group),
+            None if name == best else misfit_beside(study, fitted[name], fitted[best], noises),
+        )
+
     telling = None
     if alike := [name for name in groups[0] if name != chosen]:
         other = best if best != chosen else max(alike, key=scores.total)
@@ -94,7 +110,7 @@ def judged(
         telling = most_discriminating_record((by_name[chosen], fitted[chosen]), (by_name[other], fitted[other]), noises)
     return Comparison(
         title=study.title,
-        results=results,
+        results=tuple(map(beside_best, order)),
         chosen=chosen,
         best=best,
         groups=tuple(map(tuple, groups)),
@@ -108,7 +124,17 @@ def judged(
 
 def _noises(study: Study, fitted: Sequence[FittedCandidate]) -> list[CommonNoise]:
     """The noise of every record by the residuals of the candidate that fits best; the simplest of equal ones."""
-    best = min(fitted, key=lambda candidate: _misfit_of(study, candidate))
+
+    def misfit(candidate: FittedCandidate) -> float:
+        """Minus twice the log-likelihood of the fitted records: chi-square if the noise is told, else n log of it."""
+        total = 0.0
+        for record, residual in zip(study.records, candidate.residuals, strict=True):
+            if record.role == "fit":
+                squares, n = float(np.sum(residual**2)), residual.size
+                total += squares / record.noise**2 if record.noise else n * np.log(max(squares / n, 1e-300))
+        return total
+
+    best = min(fitted, key=misfit)
     samples = sum(record.time.size for record in study.records if record.role == "fit")
     out = []
     for record, residual in zip(study.records, best.residuals, strict=True):
@@ -116,60 +142,6 @@ def _noises(study: Study, fitted: Sequence[FittedCandidate]) -> list[CommonNoise
         freedom = max(record.time.size - share - (record.offset is None), 1.0)
         out.append(common_noise(record, record.measured - residual, freedom))
     return out
-
-
-def _misfit_of(study: Study, candidate: FittedCandidate) -> float:
-    """Minus twice the log-likelihood of the fitted records: chi-square where the noise is told, else n log of it."""
-    total = 0.0
-    for record, residual in zip(study.records, candidate.residuals, strict=True):
-        if record.role == "fit":
-            squares = float(np.sum(residual**2))
-            n = residual.size
-            total += squares / record.noise**2 if record.noise else n * np.log(max(squares / n, 1e-300))
-    return total
-
-
-def _fits(
-    study: Study, fitted: Mapping[str, FittedCandidate], names: Sequence[str], noises: Sequence[CommonNoise]
-) -> dict[str, Fitness]:
-    """How well each model explains the records that are fitted."""
-    used = [place for place, record in enumerate(study.records) if record.role == "fit"]
-    records, noise = [study.records[place] for place in used], [noises[place] for place in used]
-    out = {}
-    for name in names:
-        free, residuals = len(fitted[name].free), [fitted[name].residuals[place] for place in used]
-        out[name] = fitness(records, noise, residuals, free)
-    return out
-
-
-def _results(
-    study: Study,
-    order: Sequence[str],
-    fitted: Mapping[str, FittedCandidate],
-    noises: Sequence[CommonNoise],
-    scores: Scores,
-    best: str,
-    groups: Sequence[Sequence[str]],
-) -> tuple[Result, ...]:
-    """Every candidate beside the best one."""
-    time_scores, record_scores = scores.only("time", "validation"), scores.only("record", "validation")
-    least = min(fit.criterion for fit in scores.fits.values())
-    out = []
-    for name in order:
-        if fitted[name].failure:
-            out.append(Result(fitted[name]))
-            continue
-        out.append(
-            Result(
-                fitted[name],
-                time_scores.difference(best, name),
-                record_scores.difference(best, name) if record_scores.parts else None,
-                scores.fits[name].criterion - least,
-                next(number for number, group in enumerate(groups) if name in group),
-                None if name == best else misfit_beside(study, fitted[name], fitted[best], noises),
-            )
-        )
-    return tuple(out)
 
 
 def misfit_beside(
@@ -260,7 +232,7 @@ def most_discriminating_record(
     if not trials:
         return None
     motions = [_predicted(study, fitted, [trial.record for trial in trials]) for study, fitted in (first, second)]
-    sizes = [_sigmas(trial, a - b) for trial, a, b in zip(trials, *motions, strict=True)]
+    sizes = [_distance_in_sigmas(trial, a - b) for trial, a, b in zip(trials, *motions, strict=True)]
     place = int(np.argmax(sizes))
     if not sizes[place] > 0.0:
         return None
@@ -287,37 +259,34 @@ def _trials(records: Sequence[Record], noises: Sequence[CommonNoise]) -> list[_T
         kinds.setdefault((record.measures, waveform), (record, noise))
     out = []
     for record, noise in kinds.values():
-        out += _moved(record, noise) if record.drive is None else _driven(record, noise)
+        if record.drive is not None:
+            out += _drive_trials(record, noise)
+        elif record.motion is not None and record.measurement.prescribed != "velocity":
+            since = record.time - record.time[0]
+            faster = [(dataclasses.replace(record, time=record.time[0] + since / speed), speed) for speed in SPEEDS]
+            out += [_Trial(made, noise, record, 1.0, speed) for made, speed in faster]
     return out
 
 
-def _moved(record: Record, noise: CommonNoise) -> list[_Trial]:
-    """A prescribed motion, slower and faster."""
-    if record.motion is None or record.measurement.prescribed == "velocity":
-        return []
-    of = lambda speed: dataclasses.replace(record, time=record.time[0] + (record.time - record.time[0]) / speed)
-    return [_Trial(of(speed), noise, record, 1.0, speed) for speed in SPEEDS]
-
-
-def _driven(record: Record, noise: CommonNoise) -> list[_Trial]:
+def _drive_trials(record: Record, noise: CommonNoise) -> list[_Trial]:
     """A drive that repeats, at other voltages and frequencies; none where it has no such numbers."""
     drive, frequency = record.drive, cycles_a_second(record)
     if drive is None or frequency is None or not {"voltage", "frequency"} <= set(drive.numbers()):
         return []
     out, numbers = [], drive.numbers()
+    cycle, within = np.divmod(np.arange(SAMPLES), SAMPLES // CYCLES)
     for part, times, window in itertools.product(VOLTAGES, FREQUENCIES, WINDOWS):
         changed = {"voltage": part * float(numbers["voltage"]), "frequency": times * float(numbers["frequency"])}
         made = drive.with_numbers(changed)
-        if made.broken_conditions():
-            continue
-        cycle = np.arange(SAMPLES) * CYCLES // SAMPLES
-        within = np.arange(SAMPLES) - cycle * SAMPLES // CYCLES
-        time = (cycle + window * within * CYCLES / SAMPLES) / (times * frequency)
-        empty = np.zeros(SAMPLES)
-        trial = dataclasses.replace(
-            record, drive=made, overrides=record.overrides | {"voltage", "frequency"}, time=time, measured=empty
-        )
-        out.append(_Trial(trial, noise, record, window, 1.0))
+        if not made.broken_conditions():
+            trial = dataclasses.replace(
+                record,
+                drive=made,
+                overrides=record.overrides | {"voltage", "frequency"},
+                time=(cycle + window * within * CYCLES / SAMPLES) / (times * frequency),
+                measured=np.zeros(SAMPLES),
+            )
+            out.append(_Trial(trial, noise, record, window, 1.0))
     return out
 
 
@@ -327,7 +296,7 @@ def _predicted(study: Study, fitted: FittedCandidate, records: Sequence[Record])
     return [np.asarray(motion) for motion in posed.predict()]
 
 
-def _sigmas(trial: _Trial, apart: Float[np.ndarray, " samples"]) -> float:
+def _distance_in_sigmas(trial: _Trial, apart: Float[np.ndarray, " samples"]) -> float:
     """How far two predictions are `apart`, in standard deviations of the noise; 0 where one of them failed."""
     if not np.isfinite(apart).all():
         return 0.0

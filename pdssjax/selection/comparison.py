@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     import pandas
 
 
-WORSE_SIGMAS = 2.0
-"""Standard errors from which a difference is significant."""
-
-
 class Difference(NamedTuple):
     """By how much one model predicts held-out samples better than another."""
 
@@ -36,7 +32,7 @@ class Difference(NamedTuple):
     @property
     def is_significant(self) -> bool:
         """Two standard errors and more, and it matters."""
-        return abs(self.sigmas) >= WORSE_SIGMAS and self.matters
+        return abs(self.sigmas) >= 2.0 and self.matters
 
 
 @equal_by_value
@@ -82,6 +78,21 @@ class FittedCandidate:
     """Parts were held out: nothing is left to be done."""
     seconds: float = 0.0
     """Time that it took [s]."""
+
+    @property
+    def has_optimum(self) -> bool:
+        """Whether a fit ended where the likelihood has a value."""
+        return not self.failure and bool(np.isfinite(self.deviance))
+
+    @property
+    def optimum(self) -> dict[str, float]:
+        """The free parameters [SI] by path."""
+        return {path: self.values[path] for path in self.free}
+
+    @property
+    def aic(self) -> float:
+        """Deviance and twice the number of free parameters; infinite where there is no fit."""
+        return self.deviance + 2.0 * len(self.free) if self.has_optimum else np.inf
 
 
 class RecordNoise(NamedTuple):
@@ -249,17 +260,14 @@ class Comparison:
         """
         import pandas
 
-        nan = float("nan")
-        pair = lambda found: (nan, nan) if found is None else (found.total, found.standard_error)
-        rows = {}
-        for result in self.results:
-            (by, error), (records_by, records_error) = pair(result.time), pair(result.records)
-            rows[result.name] = {
+        none = Difference(np.nan, np.nan, False)
+        rows = {
+            result.name: {
                 "free": len(result.fitted.free),
-                "worse_by": by,
-                "standard_error": error,
-                "records_worse_by": records_by,
-                "records_standard_error": records_error,
+                "worse_by": (result.time or none).total,
+                "standard_error": (result.time or none).standard_error,
+                "records_worse_by": (result.records or none).total,
+                "records_standard_error": (result.records or none).standard_error,
                 "criterion": result.criterion,
                 "group": result.group,
                 "worse": result.is_worse,
@@ -267,4 +275,6 @@ class Comparison:
                 "explained": result.fitted.explained,
                 "failure": result.fitted.failure,
             }
+            for result in self.results
+        }
         return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("model")

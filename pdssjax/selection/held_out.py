@@ -29,9 +29,6 @@ SLICES = 5
 """Slices of each part of a record that does not repeat: the part is spread over the record, so that what is left tells
 the parameters, and each slice is long beside what the samples next to it tell of its noise."""
 
-BLOCK_SAMPLES = 20
-"""Samples of a block, about; a record of fewer than two blocks is not cut."""
-
 MAX_CHI2_RISE = 0.5
 """Chi-square by which the samples that were left may fare worse after a step that is believed: a fit without the part
 would lower theirs, by what a parameter gains by chance or more."""
@@ -39,9 +36,6 @@ would lower theirs, by what a parameter gains by chance or more."""
 MIN_INFORMATION_SHARE = 1e-4
 """Share of the information on a direction that has to be left without a part; with less of it the direction stays
 where all samples have it."""
-
-REFIT_ITERATIONS = 20
-"""Linearisations of a fit without a part, which begins near its optimum."""
 
 
 class Part(NamedTuple):
@@ -73,7 +67,7 @@ def parts_of(study: Study) -> tuple[Part, ...]:
 def _blocks(record: Record) -> list[Bool[np.ndarray, " samples"]]:
     """Blocks of time of a record: its cycles, some together, or slices that are spread over it."""
     frequency, time = cycles_a_second(record), record.time
-    most = min(BLOCKS, time.size // BLOCK_SAMPLES)
+    most = min(BLOCKS, time.size // 20)
     if most < 2:
         return []
     if frequency is not None and np.ptp(time) * frequency >= FEWEST_CYCLES - 0.5:
@@ -81,7 +75,7 @@ def _blocks(record: Record) -> list[Bool[np.ndarray, " samples"]]:
         # A rest of a cycle at either end goes with its neighbour.
         first, last = (int(np.round(end * frequency)) for end in (time[0], time[-1]))
         cycle = np.clip(cycle, first, last - 1)
-        cycle = cycle - cycle.min()
+        cycle -= cycle.min()
         count = int(cycle.max()) + 1
         groups = cycle * min(most, count) // count
     else:
@@ -100,17 +94,28 @@ def held_out(
     **Returns:** measured less predicted of the samples of each part, in the record's unit, NaN where the simulation
     failed, or the samples that were left do not tell the parameters; and for how many parts the model was fitted again.
     """
-    at = _at_optimum(study, fitted)
+    problem, _ = pose_problem(study.with_starts(fitted.optimum))
+    problem = problem._replace(noise=np.array([fitted.noise[record.name] for record in problem.records]))
+    free = np.clip(problem.encode(fitted.optimum), *problem.bounds)
+    state = evaluated(problem, free, quiet).state
+    jacobian = np.asarray(state.jacobian)
+    # A range that follows from where a fit starts is another one here: the fit knows what it ended at.
+    ended = np.array([path in fitted.at_bound for path in problem.residual.transform.paths])
+    moved = ~(ended | problem.residual.transform.at_bound(free)) & (np.linalg.norm(jacobian, axis=0) > 0.0)
+    basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zero_columns(problem, len(jacobian))]))
+    used = [place for place, record in enumerate(study.records) if record.role == "fit"]
+    places = dict(zip(used, range(len(used)), strict=True))
+    optimum = _Optimum(study, problem, free, np.asarray(state.residual), basis, spread, moved, places)
     out, refitted = [], 0
     for part in parts:
-        free, again = (at.free, False) if part.kind == "validation" else at.without(part)
+        free, again = (optimum.free, False) if part.kind == "validation" else optimum.without(part)
         refitted += again
-        out.append(at.residual(part, free))
+        out.append(optimum.residual(part, free))
     return tuple(out), refitted
 
 
-def _zero(record: Record, rest: Float[np.ndarray, " samples"], used: Bool[np.ndarray, " samples"]) -> float:
-    return float(np.mean(rest[used])) if record.offset is None else record.offset
+def _zero(record: Record, rest: Float[np.ndarray, " samples"]) -> float:
+    return float(np.mean(rest)) if record.offset is None else record.offset
 
 
 class _Optimum(NamedTuple):
@@ -136,7 +141,8 @@ class _Optimum(NamedTuple):
 
     def without(self, part: Part) -> tuple[Float[np.ndarray, " p"], bool]:
         """The parameters that the samples outside a `part` give, and whether it took another fit; NaN for none."""
-        left = self._left(part)
+        left = np.ones(self.residual_at.size, bool)
+        left[self.problem.rows[self.places[part.record]]] = ~part.rows
         basis, residual = self.basis * left[:, None], self.residual_at * left
         # Of what all samples tell of each direction, the share that is left without the part.
         share, axes = np.linalg.eigh(basis.T @ basis)
@@ -147,55 +153,28 @@ class _Optimum(NamedTuple):
         free = np.clip(free, *self.problem.bounds)
         if self._chi2(free, part) <= self._chi2(self.free, part) + MAX_CHI2_RISE:
             return free, False
-        return self._refitted(part), True
-
-    def _left(self, part: Part) -> Bool[np.ndarray, " n"]:
-        """Which residuals are left."""
-        left = np.ones(self.residual_at.size, bool)
-        left[self.problem.rows[self.places[part.record]]] = ~part.rows
-        return left
+        used = [np.ones(record.time.size, bool) for record in self.problem.records]
+        used[self.places[part.record]] = ~part.rows
+        every = np.ones(len(used), bool)
+        fit = fit_phase(self.problem.fitted_to(used), self.free, every, self.moved, "all", quiet, 20)
+        return np.asarray(fit.free), True
 
     def _chi2(self, free: Float[np.ndarray, " p"], part: Part) -> float:
         """Chi-square of the samples outside a `part`; infinite where the simulation fails."""
         motions, total = self.motions(free), 0.0
         for place, number in self.places.items():
-            record, used = self.study.records[place], np.ones(motions[place].size, bool)
+            record = self.study.records[place]
+            rest = record.measured - motions[place]
             if place == part.record:
-                used = ~part.rows
-            if used.any():
-                rest = (record.measured - motions[place])[used]
-                rest = rest - _zero(record, rest, np.ones(rest.size, bool))
+                rest = rest[~part.rows]
+            if rest.size:
+                rest = rest - _zero(record, rest)
                 total += float(np.sum(rest**2)) / float(self.problem.noise[number]) ** 2
         return total if np.isfinite(total) else np.inf
-
-    def _refitted(self, part: Part) -> Float[np.ndarray, " p"]:
-        used = [np.ones(record.time.size, bool) for record in self.problem.records]
-        used[self.places[part.record]] = ~part.rows
-        problem = self.problem.fitted_to(used)
-        every = np.ones(len(used), bool)
-        fit = fit_phase(problem, self.free, every, self.moved, "all", quiet, REFIT_ITERATIONS)
-        return np.asarray(fit.free)
 
     def residual(self, part: Part, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, " held"]:
         """Measured less predicted of a `part` with the parameters `free`."""
         record = self.study.records[part.record]
         rest = record.measured - self.motions(free)[part.record]
         outside = ~part.rows if (~part.rows).any() else part.rows
-        return (rest - _zero(record, rest, outside))[part.rows]
-
-
-def _at_optimum(study: Study, fitted: FittedCandidate) -> _Optimum:
-    """The problem of a `study` where its model was `fitted`, with the noise that was found there."""
-    values = {path: fitted.values[path] for path in fitted.free}
-    problem, _ = pose_problem(study.with_starts(values))
-    problem = problem._replace(noise=np.array([fitted.noise[record.name] for record in problem.records]))
-    free = np.clip(problem.encode(values), *problem.bounds)
-    state = evaluated(problem, free, quiet).state
-    jacobian = np.asarray(state.jacobian)
-    # A range that follows from where a fit starts is another one here: the fit knows what it ended at.
-    ended = np.array([path in fitted.at_bound for path in problem.residual.transform.paths])
-    moved = ~(ended | problem.residual.transform.at_bound(free)) & (np.linalg.norm(jacobian, axis=0) > 0.0)
-    basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zero_columns(problem, len(jacobian))]))
-    used = [place for place, record in enumerate(study.records) if record.role == "fit"]
-    places = {place: number for number, place in enumerate(used)}
-    return _Optimum(study, problem, free, np.asarray(state.residual), basis, spread, moved, places)
+        return (rest - _zero(record, rest[outside]))[part.rows]

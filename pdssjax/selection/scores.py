@@ -40,9 +40,6 @@ WHITENING_BLOCK = 256
 """Samples between which covariances are computed at once; longer parts are cut, and the pieces taken for
 independent."""
 
-NUGGET = 1e-6
-"""Part of the variance that is white, so that the covariance of very slow noise can be inverted."""
-
 EXCESS_SIGMAS = 4.0
 """Standard deviations by which |w|^2 has to exceed the number of samples for a model to leave more than noise."""
 
@@ -64,7 +61,7 @@ def common_noise(record: Record, predicted: Float[np.ndarray, " samples"], freed
     rest = np.where(used, residual - (np.mean(residual[used]) if record.offset is None else 0.0), np.nan)
     found = split_residuals(rest, record.time, frequency, freedom).noise
     share = min(max(found.independent(record.time), 1.0 / record.time.size), 1.0)
-    variance = _variance(found)
+    variance = found.variance if isinstance(found, NoiseInTime) else float(found.autocovariance(1)[0])
     by_chance = 1.0 + EXCESS_SIGMAS * float(np.sqrt(2.0 / (share * record.time.size)))
     given = 0.0 if record.noise is None else record.noise**2
     is_given = given > 0.0 and variance <= by_chance * given
@@ -78,10 +75,6 @@ def common_noise(record: Record, predicted: Float[np.ndarray, " samples"], freed
     interval = float(np.median(np.diff(record.time)))
     correlated, independent = interval * (0.5 / share - 0.5), share * float(np.sum(used))
     return CommonNoise(RecordNoise(float(np.sqrt(wanted)), is_given, correlated, independent), found, used)
-
-
-def _variance(noise: StationaryNoise | NoiseInTime) -> float:
-    return noise.variance if isinstance(noise, NoiseInTime) else float(noise.autocovariance(1)[0])
 
 
 class Whitener(NamedTuple):
@@ -123,7 +116,8 @@ def _covariance(record: Record, noise: StationaryNoise | NoiseInTime, places: np
         grid = grid_positions(record.time)
         at = (np.arange(record.time.size) if grid is None else grid)[places]
         out = noise.autocovariance(int(at[-1] - at[0]) + 1)[np.abs(at[:, None] - at)]
-    return out + NUGGET * out[0, 0] * np.eye(places.size)
+    # A part that is white, so that the covariance of very slow noise can be inverted.
+    return out + 1e-6 * out[0, 0] * np.eye(places.size)
 
 
 class Fitness(NamedTuple):
@@ -186,11 +180,9 @@ class Scores(NamedTuple):
         chance = np.array([float(np.sum((a - b) ** 2)) for a, b in zip(better, worse, strict=True)])
         total = float(np.sum(values))
         left, variance = self.excess(first if total >= 0.0 else second), 0.0
-        for record in {part.record for part in self.parts}:
-            here = np.array([part.record == record for part in self.parts])
-            count, scatter = int(here.sum()), 0.0
-            if count > 1 and left:
-                scatter = count * float(np.var(values[here], ddof=1))
+        records = np.array([part.record for part in self.parts])
+        for here in (records == record for record in {*records}):
+            scatter = here.sum() * float(np.var(values[here], ddof=1)) if here.sum() > 1 and left else 0.0
             variance += max(scatter, float(np.sum(chance[here])))
         matters = abs(total) >= max(MIN_SCORE_DIFFERENCE, 0.5 * left)
         if self.fits:
@@ -267,9 +259,7 @@ def groups_of(order: Sequence[str], chosen: str, reference: str, scores: Scores)
     `reference`, and holds the `chosen` model.
     """
     time, records = scores.only("time", "validation"), scores.only("record", "validation")
-    alike = lambda best, name: (
-        not (time.difference(best, name).is_significant or records.difference(best, name).is_significant)
-    )
+    alike = lambda best, name: not any(s.difference(best, name).is_significant for s in (time, records))
     left, out, best = list(order), [], reference
     while left:
         group = [name for name in left if name in (best, chosen if not out else best) or alike(best, name)]

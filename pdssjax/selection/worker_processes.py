@@ -40,17 +40,13 @@ def gathered(
         wait(running, return_when=FIRST_COMPLETED)
         for future in [future for future in running if future.done()]:
             subject = running.pop(future)
-            keep(subject, _answer(future, lambda why, subject=subject: lost(subject, why)))
-
-
-def _answer(future: Future[Answer], lost: Callable[[str], Answer]) -> Answer:
-    """The answer of a process."""
-    try:
-        return future.result()
-    except BrokenExecutor as error:
-        return lost(f"the process that fitted it ended ({error or type(error).__name__})")
-    except Exception as error:  # whatever a worker could not send back stops no other subject
-        return lost(f"{type(error).__name__}: {error}")
+            try:
+                answer = future.result()
+            except BrokenExecutor as error:
+                answer = lost(subject, f"the process that fitted it ended ({error or type(error).__name__})")
+            except Exception as error:  # whatever a worker could not send back stops no other subject
+                answer = lost(subject, f"{type(error).__name__}: {error}")
+            keep(subject, answer)
 
 
 @contextlib.contextmanager

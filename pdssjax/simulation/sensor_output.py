@@ -302,14 +302,11 @@ def _inside(system: System, states: SampledStates, instants: Float[Array, " k"],
     if isinstance(system, PrescribedMotion):
         force = jax.vmap(system.force)(segment, t_local, x, mode)
         return Inside(none, none, none, show(x[0]), show(segment.slope), show(force))
-    y, w = jax.vmap(_driven_platform(system).platform)(x.driven)
+    driven_platform = system.driven_platform if isinstance(system, PlatformOnly) else system.actuator.driven_platform
+    y, w = jax.vmap(driven_platform.platform)(x.driven)
     drive: AbstractDrive = system.drive
     platform = drive.at(instants), show(y), show(w)
     if isinstance(system, PlatformOnly):
         return Inside(*platform, none, none, none)
     force = jax.vmap(system.force)(segment, t_local, x, mode)
     return Inside(*platform, show(x.d), show(x.v), show(force))
-
-
-def _driven_platform(system: System) -> System:
-    return system.driven_platform if isinstance(system, PlatformOnly) else system.actuator.driven_platform

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.core import Tracer
-from jaxtyping import Array, Float
 
 from ..actuator import Actuator
 from ..core import InputError, Scalar, ScalarLike, as_single, check_kind, require_float64
@@ -86,10 +85,7 @@ def steady_system(
     """The actuator from the opening of a steady cycle on, and that cycle; the end-effector is at 0 then."""
     found = steady_cycle(actuator, drive, dataclasses.replace(accuracy, max_steps=min(accuracy.max_steps, _STEPS)))
     system = StickSlip(actuator, drive)
-    x = found.x if actuator.stop is not None else found.x.at[0].set(_platform(system, found.x))
-    return restarted(system, x), found
-
-
-def _platform(system: StickSlip, x: Float[Array, " components"]) -> Array:
-    state = jax.tree.unflatten(jax.tree.structure(system.initial()), list(x))
-    return system.actuator.driven_platform.platform(state.driven)[0]
+    if actuator.stop is not None:
+        return restarted(system, found.x), found
+    state = jax.tree.unflatten(jax.tree.structure(system.initial()), list(found.x))
+    return restarted(system, found.x.at[0].set(actuator.driven_platform.platform(state.driven)[0])), found

@@ -60,11 +60,7 @@ if TYPE_CHECKING:
         unused_by as unused_by,
         without_effect as without_effect,
     )
-    from .prediction import (
-        Predictor as Predictor,
-        failures as failures,
-        predicted as predicted,
-    )
+    from .prediction import Predictor as Predictor, failures as failures, predicted as predicted
     from .record import Record as Record, drive_with as drive_with, shared_fields as shared_fields
     from .resonances import SHOWN as SHOWN, Resonance as Resonance, depends_on as depends_on, hidden_from as hidden_from
     from .sample_times import (
@@ -75,11 +71,7 @@ if TYPE_CHECKING:
     )
     from .setups import AbstractSetup as AbstractSetup, Run as Run, with_room as with_room
     from .simulation_failure import failure_cause as failure_cause
-    from .study import (
-        Study as Study,
-        UsedNumber as UsedNumber,
-        numbers_used as numbers_used,
-    )
+    from .study import Study as Study, UsedNumber as UsedNumber, numbers_used as numbers_used
     from .summaries import entry_summaries as entry_summaries
     from .virtual_rig import Recording as Recording, make_recordings as make_recordings, truth as truth
 else:

@@ -52,8 +52,8 @@ def _entry(name: str) -> Entry:
     said, mark, short = name.partition("/")
     model = member(FAMILIES[said], short) if mark else PARTS[name]
     text = inspect.cleandoc((sys.modules[model.__module__] if mark else model).__doc__ or "")
-    told = _field_docs(model)
-    declared = {field: (quantity, told.get(field, "")) for field, quantity in quantities(model).items()}
+    docs = _field_docs(model)
+    declared = {field: (quantity, docs.get(field, "")) for field, quantity in quantities(model).items()}
     options = {field: list(words) for field, words in choices(model).items()}
     return Entry(name, first_sentence(text), text, declared, options)
 

@@ -7,16 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core import LENGTH, Display, equal_by_value
-from ..metrics import (
-    LackOfFit,
-    error_index,
-    lack_of_fit,
-    outliers,
-    r_squared,
-    rmse,
-    rounding_of_counts,
-    scatter_floor,
-)
+from ..metrics import LackOfFit, error_index, lack_of_fit, outliers, r_squared, rmse, rounding_of_counts, scatter_floor
 from .record import Record
 
 
@@ -144,6 +135,9 @@ def compare(
     if undisturbed is not None:
         zero = np.mean(np.delete(measured - undisturbed, found)) if record.offset is None else record.offset
         undisturbed = np.asarray(undisturbed) + zero
+    voltage = None
+    if record.drive is not None and record.measurement.platform_alone:
+        voltage = record.drive.sampled_at(record.time)
     return FittedRecord(
         name=record.name,
         role=record.role,
@@ -172,7 +166,7 @@ def compare(
         frequency=frequency,
         outliers=found,
         undisturbed=undisturbed,
-        voltage=_voltage(record),
+        voltage=voltage,
         excitation=record.excitation,
         file=record.file.name,
     )
@@ -184,12 +178,6 @@ def _rest(
     rest = measured - predicted
     rest[outlying] = np.nan
     return rest
-
-
-def _voltage(record: Record) -> Float[np.ndarray, " n"] | None:
-    if record.drive is None or not record.measurement.platform_alone:
-        return None
-    return record.drive.sampled_at(record.time)
 
 
 def repeated_residuals(record: Record, residual: Float[np.ndarray, " n"]) -> LackOfFit | None:

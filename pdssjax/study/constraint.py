@@ -75,8 +75,10 @@ def bounded_by_constraints(
         at = f'{where}: constraints: key "{constraint.name}": found {constraint.text}, but'
         if greater.value is not None and lesser.value is not None:
             if not constraint.holds(greater.value, lesser.value):
-                told = f"{greater.path} fixed at {greater.value:g} and {lesser.path} at {lesser.value:g} {lesser.unit}"
-                raise InputError(f"{at} {told.rstrip()}, expected numbers that keep it.")
+                numbers = (
+                    f"{greater.path} fixed at {greater.value:g} and {lesser.path} at {lesser.value:g} {lesser.unit}"
+                )
+                raise InputError(f"{at} {numbers.rstrip()}, expected numbers that keep it.")
             continue
         if greater.value is not None:
             most = greater.value / constraint.factor

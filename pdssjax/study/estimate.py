@@ -105,16 +105,12 @@ class FittedParameter:
         if not self.free:
             return "fixed"
         marks = ["at bound"] * self.at_bound + ["no information"] * (not self.identifiable)
-        cut = [] if self.at_bound else [f"interval ends at its {name} bound" for name in self.interval_at_bound]
-        return ", ".join([*marks, *cut, *self._told])
-
-    @property
-    def _told(self) -> list[str]:
-        """Number and error measured apart, in the unit that tables show, and the pull."""
-        if self.measured_apart is None:
-            return []
-        pull = "" if np.isnan(self.measured_apart.pull) else f", pull {self.measured_apart.pull:+.1f}"
-        return [f"measured apart: {self.with_error(*self.measured_apart[:2])}{pull}"]
+        if not self.at_bound:
+            marks += [f"interval ends at its {name} bound" for name in self.interval_at_bound]
+        if (apart := self.measured_apart) is not None:
+            pull = "" if np.isnan(apart.pull) else f", pull {apart.pull:+.1f}"
+            marks.append(f"measured apart: {self.with_error(apart.value, apart.standard_error)}{pull}")
+        return ", ".join(marks)
 
     def with_error(self, number: float, error: float) -> str:
         """A `number` of it and its standard error [unit], in the unit that tables show, with the digits it deserves."""
@@ -278,8 +274,7 @@ class Estimate:
     @property
     def why_unexplained(self) -> str:
         """Why the estimate does not explain its records: a clause, to be followed by a full stop or a comma."""
-        found = [_UNEXPLAINED[why] for why in self.unexplained_by] or ["the records are not explained"]
-        return ", and ".join(found)
+        return ", and ".join(_UNEXPLAINED[why] for why in self.unexplained_by) or "the records are not explained"
 
     def __repr__(self) -> str:
         free = f"{len(self.names)} free of {len(self.parameters)} parameters"
@@ -319,21 +314,19 @@ class Estimate:
         """
         import pandas
 
-        rows = {path: _as_row(parameter) for path, parameter in self.parameters.items()}
+        rows = {}
+        for path, parameter in self.parameters.items():
+            later = list(parameter.errors.items())[1:]
+            rows[path] = {
+                "value": parameter.value,
+                "standard_error": parameter.standard_error,
+                "low": parameter.interval[0],
+                "high": parameter.interval[1],
+                "unit": parameter.unit,
+                "free": parameter.free,
+                "start": np.nan if parameter.start is None else parameter.start,
+                "at_bound": parameter.at_bound,
+                "identifiable": parameter.identifiable,
+                **{f"standard_error ({model})": error.standard_error for model, error in later},
+            }
         return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
-
-
-def _as_row(parameter: FittedParameter) -> dict[str, float | str | bool]:
-    later = list(parameter.errors.items())[1:]
-    return {
-        "value": parameter.value,
-        "standard_error": parameter.standard_error,
-        "low": parameter.interval[0],
-        "high": parameter.interval[1],
-        "unit": parameter.unit,
-        "free": parameter.free,
-        "start": np.nan if parameter.start is None else parameter.start,
-        "at_bound": parameter.at_bound,
-        "identifiable": parameter.identifiable,
-        **{f"standard_error ({model})": error.standard_error for model, error in later},
-    }

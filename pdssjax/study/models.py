@@ -57,9 +57,8 @@ class Models(eqx.Module):
         kept = {key: value for key, value in self.chosen.items() if key != "friction_state" or self.law}
         other = {key: value for key, value in kept.items() if told.get(key, value) != value}
         if other:
-            found, expected = (
-                ", ".join(f"{key} = {json.dumps(numbers[key])}" for key in other) for numbers in (told, other)
-            )
+            listed = lambda models: ", ".join(f"{key} = {json.dumps(models[key])}" for key in other)
+            found, expected = listed(told), listed(other)
             raise InputError(f"{where}: found an estimate with {found}, expected one with {expected}, as in the study.")
 
     def declared(self) -> dict[str, Quantity]:
@@ -90,8 +89,8 @@ class Models(eqx.Module):
 
 def parts_told_by(paths: Collection[str]) -> frozenset[str]:
     """Further parts of a rig that parameters of these `paths` imply: "amplifier", "low-pass" (of the sensor)."""
-    parts = {"amplifier"} if any(path.startswith("amplifier.") for path in paths) else set()
-    return frozenset(parts | ({"low-pass"} if "sensor.bandwidth" in paths else set()))
+    has_amplifier = any(path.startswith("amplifier.") for path in paths)
+    return frozenset(["amplifier"] * has_amplifier + ["low-pass"] * ("sensor.bandwidth" in paths))
 
 
 def _part(name: str, values: Values, **more: Any) -> Any:

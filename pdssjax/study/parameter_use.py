@@ -4,6 +4,7 @@ What is legal in a study (`Study.legal`) is more than what its records depend on
 the parameters of a stop.  A path that somebody names outside the study's file has to have an effect, or is refused.
 """
 
+import itertools
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
@@ -20,9 +21,9 @@ _NEEDS = {
     "stop": ("no record runs against a stop", 'a record with measures = "force"'),
     "effector": ("no record depends on the end-effector", 'a record with measures = "effector"'),
     "friction": ("no record depends on the contact", 'a record with measures = "effector" or "friction"'),
-    "piezo": ("no record is driven", 'a record with measures = "platform" or "effector"'),
-    "amplifier": ("no record is driven", 'a record with measures = "platform" or "effector"'),
-    "sensor": ("no record is driven", 'a record with measures = "platform" or "effector"'),
+    **dict.fromkeys(
+        ("piezo", "amplifier", "sensor"), ("no record is driven", 'a record with measures = "platform" or "effector"')
+    ),
 }
 """Why the parameters of a part of the rig have no effect, and what would give them one."""
 
@@ -32,15 +33,12 @@ MASS_UNUSED = "only friction that acts back on the platform uses it", "feedback 
 
 def paths_read(models: Models, records: Sequence[Record]) -> list[str]:
     """The paths of the parameters on which the prediction of any of the `records` depends."""
-    parts: set[str] = set()
-    shared: dict[str, None] = {}
-    for record in records:
-        parts |= record.measurement.parts()
-        if record.measurement.driven:
-            parts |= ELECTRONICS | ({"friction", "effector"} if models.feedback else set())
-        shared |= dict.fromkeys(shared_fields(record).values())
+    parts = set[str]().union(*(record.measurement.parts() for record in records))
+    if any(record.measurement.driven for record in records):
+        parts |= ELECTRONICS | ({"friction", "effector"} if models.feedback else set())
     unused = unused_by(models)
     read = [path for path in models.declared() if path.split(".")[0] in parts and path not in unused]
+    shared = dict.fromkeys(path for record in records for path in shared_fields(record).values())
     return [*read, *(path for path in shared if path != "drive.frequency")]
 
 
@@ -59,27 +57,24 @@ def check_read(paths: Iterable[str], models: Models, records: Sequence[Record], 
         return
     read = paths_read(models, records)
     for path in paths:
-        if path not in read:
-            raise without_effect(where, path, *_why_unread(path, records, models), read)
+        if path in read:
+            continue
+        part, _, field = path.partition(".")
+        if path in unused_by(models):
+            why, needs = MASS_UNUSED
+        elif part != "drive":
+            why, needs = _NEEDS[part]
+        elif any(record.drive is not None and field in record.drive.declared() for record in records):
+            why = f"every record sets the {field} of its own drive"
+            needs = f'"{path}" in [parameters], and a record whose drive leaves {field} out'
+        else:
+            why, needs = f"no drive of a record has a {field}", f"a record whose waveform has a {field}"
+        raise without_effect(where, path, why, needs, read)
 
 
 def without_effect(where: str, path: str, why: str, needs: str, read: Collection[str]) -> InputError:
     """The error for a `path` without effect: `why`, what it `needs`, and the nearest path that is `read`."""
     return InputError(f'{where}: found "{path}", which changes nothing: {why}. It needs {needs}; {nearest(path, read)}')
-
-
-def _why_unread(path: str, records: Sequence[Record], models: Models) -> tuple[str, str]:
-    part, _, field = path.partition(".")
-    if path in unused_by(models):
-        return MASS_UNUSED
-    if part != "drive":
-        return _NEEDS[part]
-    if any(record.drive is not None and field in record.drive.declared() for record in records):
-        return (
-            f"every record sets the {field} of its own drive",
-            f'"{path}" in [parameters], and a record whose drive leaves {field} out',
-        )
-    return f"no drive of a record has a {field}", f"a record whose waveform has a {field}"
 
 
 def check_whole_parts(paths: Collection[str], listed: Collection[str], where: str) -> None:
@@ -117,15 +112,9 @@ def check_numbers(
             raise InputError(f'{where}: "{path}": found {number!r:.80}, expected {expected}.')
         known[path] = float(array)
         check_range(known[path], declared[path], f'{where}: "{path}"')
-    _check_drives(known, records, where)
-
-
-def _check_drives(known: Mapping[str, float], records: Sequence[Record], where: str) -> None:
-    """A number that the drives of several records share has to suit each that follows it."""
-    for path in known:
-        field = path.removeprefix("drive.")
-        for record in records if path.startswith("drive.") else ():
-            if path in shared_fields(record).values():
-                clause = drive_with(record, known).broken_conditions().get(field)
-                if clause:
-                    raise InputError(f'{where}: "{path}": found {clause}, in record "{record.name}".')
+    # A number that the drives of several records share has to suit each that follows it.
+    for path, record in itertools.product(known, records):
+        if path in shared_fields(record).values():
+            clause = drive_with(record, known).broken_conditions().get(path.removeprefix("drive."))
+            if clause:
+                raise InputError(f'{where}: "{path}": found {clause}, in record "{record.name}".')

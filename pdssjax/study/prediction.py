@@ -19,13 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..core import Count, Given, Tree, Truth, as_number, kept_jit
 from ..drive.base import AbstractDrive
 from ..integration import AbstractHybridSystem, Accuracy
-from ..simulation import (
-    Scratch,
-    samples_and_slopes,
-    scratch,
-    sensor_samples,
-    why_failed,
-)
+from ..simulation import Scratch, samples_and_slopes, scratch, sensor_samples, why_failed
 from .models import Models, Values
 from .parameter import under_conditions
 from .record import Record
@@ -33,10 +27,6 @@ from .setups import AbstractSetup, Run, with_room
 
 S = TypeVar("S", bound=eqx.Module)
 """How a record is made, without the numbers of the rig: `pdssjax.study.AbstractSetup`."""
-
-
-_PARTS = 8
-"""Parts in which a record is read at most: all of its steps are expanded for each."""
 
 
 class RecordGroup(eqx.Module, Generic[S]):
@@ -105,7 +95,8 @@ def _group(
         places=tuple(places),
         duration=float(max(record.time[-1] for record in records)),
         segments=max(segments),
-        early=max([*fitted, -(-longest // _PARTS)] if fitted else [longest]),
+        # In eight parts at most: all steps of a record are expanded for each.
+        early=max([*fitted, -(-longest // 8)] if fitted else [longest]),
     )
 
 
@@ -160,16 +151,15 @@ class Predictor(eqx.Module):
 
     def scratch(self, values: Values, directions: Directions, accuracy: Accuracy) -> list[Scratch]:
         """Memory for `linearised`, of each group of records."""
-        return [self._scratch(group, values, directions, accuracy) for group in self.groups]
-
-    def _scratch(
-        self, group: RecordGroup[AbstractSetup], values: Values, directions: Directions, accuracy: Accuracy
-    ) -> Scratch:
         (count,) = {len(direction) for direction in directions.values()}
-        shape = len(group.places), group.early, count
-        of_record, records = _per_record(group, self.models, values, accuracy)
-        first = jax.tree.map(lambda a: a[0], records)
-        return of_record(lambda system, values, times, how, *_: scratch(system(values), how, shape), *first)
+
+        def of_group(group: RecordGroup[AbstractSetup]) -> Scratch:
+            shape = len(group.places), group.early, count
+            of_record, records = _per_record(group, self.models, values, accuracy)
+            first = jax.tree.map(lambda a: a[0], records)
+            return of_record(lambda system, values, times, how, *_: scratch(system(values), how, shape), *first)
+
+        return list(map(of_group, self.groups))
 
     def linearised(
         self,
@@ -226,13 +216,11 @@ class Predictor(eqx.Module):
 
 
 def predicted(
-    predictor: Predictor,
-    values: Values,
-    accuracy: Accuracy,
-    used: Bool[Array | np.ndarray, " records"] | None = None,
+    predictor: Predictor, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"] | None = None
 ) -> list[Float[Array, " samples"]]:
     """Predictions by `predictor` of the records that are `used`, by default all, compiled once for all callers."""
-    return _predicted(predictor, _as_arrays(values), accuracy, _used_or_all(predictor, used))
+    numbers: dict[str, Given] = {path: as_number(number) for path, number in values.items()}
+    return _predicted(predictor, numbers, accuracy, np.ones(len(predictor.samples), bool) if used is None else used)
 
 
 @kept_jit
@@ -240,16 +228,6 @@ def _predicted(
     predictor: Predictor, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"]
 ) -> list[Float[Array, " samples"]]:
     return predictor(values, accuracy, used)
-
-
-def _as_arrays(values: Values) -> dict[str, Given]:
-    return {path: as_number(number) for path, number in values.items()}
-
-
-def _used_or_all(
-    predictor: Predictor, used: Bool[Array | np.ndarray, " records"] | None
-) -> Bool[Array | np.ndarray, " records"]:
-    return np.ones(len(predictor.samples), bool) if used is None else used
 
 
 @kept_jit

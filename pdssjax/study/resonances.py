@@ -25,9 +25,6 @@ from .record import Record
 SHOWN = 0.4
 """The part of the sampling rate up to which a record shows a frequency: two and a half samples a period."""
 
-_SHIFT = 1e-3
-"""Relative change of a parameter, towards zero as all may go, that shows whether a resonance depends on it."""
-
 
 class Resonance(NamedTuple):
     """One way in which the rig rings."""
@@ -92,7 +89,8 @@ def depends_on(models: Models, values: dict[str, float], paths: Sequence[str]) -
     modes = resonances(models, values)
     found: dict[Resonance, list[str]] = {mode: [] for mode in modes}
     for path in paths:
-        moved = resonances(models, values | {path: values[path] * (1.0 - _SHIFT)})
+        # Towards zero, as all parameters may go.
+        moved = resonances(models, values | {path: values[path] * (1.0 - 1e-3)})
         for mode in modes:
             if mode not in moved:
                 found[mode].append(path)

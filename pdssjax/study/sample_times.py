@@ -19,30 +19,16 @@ if TYPE_CHECKING:
 STEP_TIME = 0.01
 """Time [s] in which a platform under a step comes to rest; for checks of units and clocks only."""
 
-_LATE_PERIODS = 1000
-"""Periods of the drive after which a record that only then begins is taken for one on another clock."""
-
-_LATE_LENGTHS = 10
-"""The same for a drive without a period, in lengths of the record."""
-
-_LATEST = 1e6
-"""Time [s] at which a record may begin, however short it is."""
-
 
 def check_increasing(
-    file: Path,
-    column: str,
-    time: Float[np.ndarray, " samples"],
-    places: Int[np.ndarray, " samples"],
-    place: str,
+    file: Path, column: str, time: Float[np.ndarray, " samples"], places: Int[np.ndarray, " samples"], place: str
 ) -> None:
     """**Raises** `InputError` that names the first of `places` at which the `time` [s] does not increase."""
     late = np.flatnonzero(np.diff(time) <= 0)
     if late.size:
         before, here = time[late[0]], time[late[0] + 1]
-        coarse = (
-            "; of a clock with too few digits give the interval: time = { interval = ... } in a record, or --interval"
-        )
+        coarse = "; of a clock with too few digits give the interval: "
+        coarse += "time = { interval = ... } in a record, or --interval"
         raise InputError(
             f'{file}: {place} {places[late[0] + 1]}, column "{column}": found {here:.15g} s after {before:.15g} s, '
             f"expected times that increase{coarse if here == before else ''}."
@@ -66,11 +52,10 @@ def check_meets_drive(
     if time[-1] <= start:
         raise InputError(f"{found}, expected some after the drive has started; {on}.")
     frequency = drive.cycle_frequency()
+    # Beyond that a record is taken for one on another clock.
+    latest, what = 10 * max(float(time[-1]) - begin, STEP_TIME), "10 times the record's length"
     if frequency is not None:
-        latest, what = _LATE_PERIODS / float(frequency), f"{_LATE_PERIODS} periods of the drive"
-    else:
-        latest = _LATE_LENGTHS * max(float(time[-1]) - begin, STEP_TIME)
-        what = f"{_LATE_LENGTHS} times the record's length"
+        latest, what = 1000 / float(frequency), "1000 periods of the drive"
     if begin - start > latest:
         raise InputError(f"{found}, expected the first within {what}, {latest:g} s, of the drive's start; {on}.")
 
@@ -78,7 +63,7 @@ def check_meets_drive(
 def check_begins_early(record: "Record") -> None:
     """**Raises** `InputError` where a record, of a file or made in Python, begins too late to be of its drive."""
     first, length = float(record.time[0]), float(np.ptp(record.time))
-    if record.drive is not None and abs(first) > max(_LATEST, 10.0 * length):
+    if record.drive is not None and abs(first) > max(1e6, 10.0 * length):
         raise InputError(
             f'{record.file}: record "{record.name}": found a first sample at {first:g} s, and samples over '
             f"{length:g} s, expected times from the start of the drive on, which is t = 0."

@@ -12,15 +12,7 @@ from jaxtyping import Array, Float
 
 from ..drive.base import AbstractDrive
 from ..integration import AbstractHybridSystem, Accuracy
-from ..simulation import (
-    DISPLACEMENT,
-    FRICTION_FORCE,
-    STOP_FORCE,
-    Output,
-    PlatformOnly,
-    PrescribedMotion,
-    StickSlip,
-)
+from ..simulation import DISPLACEMENT, FRICTION_FORCE, STOP_FORCE, Output, PlatformOnly, PrescribedMotion, StickSlip
 from .models import Models, Values
 
 
@@ -33,19 +25,6 @@ class Run(eqx.Module):
     """Sample times [s]."""
     motion: Float[Array, " samples"] | None
     """The relative displacement prescribed [m]; None where it is free."""
-
-
-_STEPS_PER_SEGMENT = 200
-
-_MANY = 400
-"""Segments of a drive from which on each is short and takes a few steps only."""
-
-_SPARE_STEPS = 1000
-
-_STEPS_WHERE_MANY = 8
-
-_STEPS_A_SECOND = 6000
-"""Where nothing settles: for transients that die out at up to 18 000 a second, by the `span` of a step."""
 
 
 class AbstractSetup(eqx.Module):
@@ -138,8 +117,10 @@ def _driven(run: Run) -> AbstractDrive:
 
 def with_room(accuracy: Accuracy, setup: AbstractSetup, models: Models, segments: int, duration: float) -> Accuracy:
     """`accuracy` with room for the steps that a record of `duration` [s] may take, which reaches into `segments`."""
-    few = min(segments, _MANY)
-    room = _STEPS_PER_SEGMENT * few + _STEPS_WHERE_MANY * (segments - few) + _SPARE_STEPS
+    # Where there are more than 400 segments each is short and takes a few steps only.
+    few = min(segments, 400)
+    room = 200 * few + 8 * (segments - few) + 1000
     if setup.goes_on_moving(models):
-        room += int(_STEPS_A_SECOND * duration)
+        # For transients that die out at up to 18 000 a second, by the `span` of a step.
+        room += int(6000 * duration)
     return dataclasses.replace(accuracy, max_steps=max(room, accuracy.max_steps))

@@ -12,9 +12,6 @@ from .parameter_use import ELECTRONICS
 from .prediction import Predictor, failures, predicted
 from .record import Record
 
-FACTORS = (0.3, 3.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1000.0)
-"""Factors by which a parameter is changed to see whether it is the cause, the least change first."""
-
 
 def failure_cause(predictor: Predictor, records: Sequence[Record], values: Values, accuracy: Accuracy) -> str:
     """What fails and the parameter with which it would not, in one or two sentences; "" where nothing fails.
@@ -31,7 +28,8 @@ def failure_cause(predictor: Predictor, records: Sequence[Record], values: Value
     reason = f"in {names} {FAILURES[max(codes)]}"
     for path, declared, number in _changes(predictor, at):
         if not any(_codes(predictor, at | {path: number}, accuracy)):
-            here, there = (_with_unit(value, declared) for value in (at[path], number))
+            unit, scale = display_unit(declared.unit)
+            here, there = (f"{value * scale:.4g} {unit}".rstrip() for value in (at[path], number))
             return f"{reason}. With {path} at {there} instead of {here} it can be: give that another start or value"
     return f"{reason}. No parameter changed by itself makes a difference: check the drive and all parameters"
 
@@ -48,17 +46,12 @@ def _codes(predictor: Predictor, values: Mapping[str, float], accuracy: Accuracy
 
 
 def _changes(predictor: Predictor, at: Mapping[str, float]) -> Iterator[tuple[str, Quantity, float]]:
-    """Other numbers for each parameter by itself, within its legal range."""
+    """Other numbers for each parameter by itself, within its legal range: the nominal one, then the least change."""
     declared = predictor.models.declared()
     paths = sorted((path for path in declared if path in at), key=lambda path: path.split(".")[0] not in ELECTRONICS)
-    for factor in (None, *FACTORS):
+    for factor in (None, 0.3, 3.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1000.0):
         for path in paths:
             quantity = declared[path]
             number = quantity.nominal if factor is None else at[path] * factor
             if quantity.low <= number < quantity.high and number != at[path]:
                 yield path, quantity, number
-
-
-def _with_unit(number: float, declared: Quantity) -> str:
-    unit, scale = display_unit(declared.unit)
-    return f"{number * scale:.4g} {unit}".rstrip()

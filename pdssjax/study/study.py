@@ -104,16 +104,11 @@ class Study:
         it is known (under `jit`, `vmap` and derivatives it is not); and where listed parameters are
         left with neither value nor start; `initial_guess` finds those.  It is compiled once for all values.
         """
-        return predicted(*self._check_request(values, accuracy))
-
-    def _check_request(
-        self, values: Values | Estimate | None, accuracy: Accuracy | None
-    ) -> tuple[Predictor, Values, Accuracy]:
         require_float64("predict")
         accuracy = accuracy or self.accuracy
         check_kind("accuracy", accuracy, Accuracy)
         given = self._numbers({} if values is None else values)
-        return self._predictor_of(self.models_with(given)), self.values(given) | given, accuracy
+        return predicted(self._predictor_of(self.models_with(given)), self.values(given) | given, accuracy)
 
     def legal(self) -> dict[str, Quantity]:
         """The declared quantities of every parameter that the study may list, by path."""
@@ -272,8 +267,8 @@ def numbers_used(study: Study, but: Collection[str] = ()) -> dict[str, UsedNumbe
 
     **Raises:** `InputError` for parameters without a number.
     """
-    told = study.parameters
+    parameters = study.parameters
     return {
-        path: {"value": number, "unit": told[path].unit, "source": told[path].origin}
+        path: {"value": number, "unit": parameters[path].unit, "source": parameters[path].origin}
         for path, number in study.values(but).items()
     }

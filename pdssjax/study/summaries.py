@@ -14,18 +14,14 @@ def entry_names() -> list[str]:
     return [*(f"{said}/{name}" for said, family in FAMILIES.items() for name in members(family)), *PARTS_OF_A_RIG]
 
 
-def first_sentence(told: str) -> str:
+def first_sentence(docstring: str) -> str:
     """The first sentence of a docstring, on one line."""
-    return " ".join(told.split("\n\n")[0].split())
+    return " ".join(docstring.split("\n\n")[0].split())
 
 
 def entry_summaries() -> dict[str, str]:
     """The first sentence of each member's module, or of a part's class, by name."""
-    return {name: first_sentence(_module_text(name)) for name in entry_names()}
-
-
-def _module_text(name: str) -> str:
-    said, mark, short = name.partition("/")
-    if mark:
-        return docstring_of(f"{FAMILIES[said]}.{short.replace('-', '_')}")
-    return docstring_of("actuator.parts", name.capitalize())
+    found = {name: docstring_of("actuator.parts", name.capitalize()) for name in PARTS_OF_A_RIG}
+    for said, family in FAMILIES.items():
+        found |= {f"{said}/{name}": docstring_of(f"{family}.{name.replace('-', '_')}") for name in members(family)}
+    return {name: first_sentence(found[name]) for name in entry_names()}

@@ -15,9 +15,6 @@ from .record import Record
 from .simulation_failure import failure_cause
 from .study import Study
 
-_WANDERS = 0.1
-"""Zeros of records whose offset is free lie within this share of the record's range."""
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Recording:
@@ -45,18 +42,17 @@ def make_recordings(study: Study, seed: int = 0) -> list[Recording]:
         raise InputError(
             f"{study.path or study.title}: found a simulation that fails, expected numbers that work: {cause}."
         )
-    return [_recorded(*pair, seed) for pair in zip(study.records, motions, strict=True)]
-
-
-def _recorded(record: Record, true: Float[np.ndarray, " samples"], seed: int) -> Recording:
-    random = np.random.default_rng([seed, *record.name.encode()])
-    offset = record.offset
-    if offset is None:
-        offset = float(random.uniform(-_WANDERS, _WANDERS) * np.ptp(true))
-    shown = true + offset + random.normal(0.0, record.noise or 0.0, true.size)
-    if record.resolution:
-        shown = np.round(shown / record.resolution) * record.resolution
-    return Recording(dataclasses.replace(record, measured=shown), true, offset)
+    recordings = []
+    for record, true in zip(study.records, motions, strict=True):
+        random = np.random.default_rng([seed, *record.name.encode()])
+        offset = record.offset
+        if offset is None:
+            offset = float(random.uniform(-0.1, 0.1) * np.ptp(true))
+        shown = true + offset + random.normal(0.0, record.noise or 0.0, true.size)
+        if record.resolution:
+            shown = np.round(shown / record.resolution) * record.resolution
+        recordings.append(Recording(dataclasses.replace(record, measured=shown), true, offset))
+    return recordings
 
 
 def truth(study: Study, recordings: list[Recording], seed: int) -> Document:

@@ -11,22 +11,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..core import InputError, InputWarning
 from ..study import Study
 from .dataset import coordinates_of
 from .points import Grid, Listed, check_ranges
-from .sweeping import PlannedSweep, plan_sweep, sweep
+from .sweeping import plan_sweep, sweep
 
 if TYPE_CHECKING:
     import xarray
 
 DEAD = 0.01
 """Step efficiency below which a drive counts as dead: the end-effector shakes and stays."""
-
-Probe = Callable[[Float[np.ndarray, "points paths"]], Float[np.ndarray, " points"]]
-"""How far the metric is above its level at some points; NaN where it has no value."""
 
 
 def find_border(
@@ -56,6 +53,8 @@ def find_border(
     **Raises:** `InputError` for ends the wrong way round, a tolerance that is not positive, an unknown metric, and
     what `sweep` refuses.
     """
+    import xarray
+
     check_ranges({path: ends}, coarse)
     if not tolerance > 0 or coarse < 2:
         raise InputError(
@@ -83,51 +82,49 @@ def find_border(
         return (values if signed else np.abs(values)) - level
 
     border, passes = _search(probe, grid.values(), np.linspace(*ends, coarse), tolerance)
+    names, shape = list(grid.dimensions()), tuple(grid.dimensions().values())
+    of_border = {"units": planned.declared[path].unit or "1", "long_name": f"border along {path}"}
     unit = planned.function.cycle.metrics[metric].unit
-    asked_for = dict(path=path, low=ends[0], high=ends[1], tolerance=tolerance, metric=metric, level=level)
-    said = {"of": f"{metric} = {level:g}" + (f" {unit}" if unit != "1" else ""), "points": asked}
-    return _labelled(planned, grid, border, passes, asked_for | said)
+    return xarray.Dataset(
+        {
+            "border": (names, border.reshape(shape), of_border),
+            "passes": (names, passes.reshape(shape), {"long_name": "how often the level is passed on the coarse grid"}),
+        },
+        coordinates_of(grid, planned.declared),
+        {
+            "title": planned.study.title,
+            "record": planned.base.name,
+            "cycles": planned.function.cycle.described,
+            **dict(path=path, low=ends[0], high=ends[1], tolerance=tolerance, metric=metric, level=level),
+            "of": f"{metric} = {level:g}" + (f" {unit}" if unit != "1" else ""),
+            "points": asked,
+            "parameters": json.dumps(planned.used),
+        },
+    )
 
 
 def _search(
-    probe: Probe, at: Float[np.ndarray, "points paths"], along: Float[np.ndarray, " coarse"], tolerance: float
+    probe: Callable[[Float[np.ndarray, "points paths"]], Float[np.ndarray, " points"]],
+    at: Float[np.ndarray, "points paths"],
+    along: Float[np.ndarray, " coarse"],
+    tolerance: float,
 ) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
-    """The border at each of the points `at`, and how often it is passed on the grid `along`."""
+    """The border at each of the points `at`, and how often it is passed on the grid `along`.
+
+    **Arguments:** `probe` says how far the metric is above its level at some points; NaN where it has no value.
+    """
     whole = np.concatenate([np.repeat(at, len(along), axis=0), np.tile(along, len(at))[:, None]], axis=1)
-    above = _is_above(probe(whole)).reshape(len(at), len(along))
+    # What has no value has not passed the level.
+    is_above = lambda points: np.nan_to_num(probe(points), nan=-1.0) > 0
+    above = is_above(whole).reshape(len(at), len(along))
     turns = above[:, 1:] != above[:, :-1]
     passes, first = turns.sum(axis=1), turns.argmax(axis=1)
     there = np.flatnonzero(passes)
     low, high, beneath = along[first[there]], along[first[there] + 1], above[there, first[there]]
     while there.size and (high - low).max() > tolerance:
         middle = 0.5 * (low + high)
-        same = _is_above(probe(np.column_stack([at[there], middle]))) == beneath
+        same = is_above(np.column_stack([at[there], middle])) == beneath
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     border = np.full(len(at), np.nan)
     border[there] = 0.5 * (low + high)
     return border, passes.astype(float)
-
-
-def _is_above(values: Float[np.ndarray, " points"]) -> Bool[np.ndarray, " points"]:
-    """Whether the level is passed; what has no value has not passed it."""
-    return np.nan_to_num(values, nan=-1.0) > 0
-
-
-def _labelled(
-    planned: PlannedSweep,
-    grid: Grid,
-    border: Float[np.ndarray, " points"],
-    passes: Float[np.ndarray, " points"],
-    asked: Mapping[str, str | float],
-) -> "xarray.Dataset":
-    import xarray
-
-    names, shape = list(grid.dimensions()), tuple(grid.dimensions().values())
-    unit, said = planned.declared[str(asked["path"])].unit or "1", f"border along {asked['path']}"
-    data = {
-        "border": (names, border.reshape(shape), {"units": unit, "long_name": said}),
-        "passes": (names, passes.reshape(shape), {"long_name": "how often the level is passed on the coarse grid"}),
-    }
-    told = {"title": planned.study.title, "record": planned.base.name, "cycles": planned.function.cycle.described}
-    numbers = {"parameters": json.dumps(planned.used)}
-    return xarray.Dataset(data, coordinates_of(grid, planned.declared), told | dict(asked) | numbers)

@@ -216,10 +216,6 @@ def effector_at(system: StickSlip, x: StickSlipState[Float[Array, " m"]]) -> Flo
     return y - x.d
 
 
-_EARLY = 1e-9
-"""A step that begins this part of a period before a cycle opens belongs to that cycle."""
-
-
 def sampled_states(course: Course, phases: Float[Array, " phases"], cycles: int) -> SampledStates:
     """The states at `phases` [s] of each of the first `cycles` cycles, one after the other."""
     period = timing(course.system.drive).period
@@ -262,7 +258,8 @@ def steps_within(course: Course) -> tuple[Bool[Array, " room"], Count]:
     """Which steps belong to the cycles, and to how many: of a motion that repeats its last period is there once."""
     run, period = course.run, timing(course.system.drive).period
     begins = jax.lax.stop_gradient(run.steps.origin + run.steps.t_local)
-    opening = jnp.where(run.repeats, run.steps.origin[run.period], course.begin) - _EARLY * period
+    # A step that begins this part of a period before a cycle opens belongs to that cycle.
+    opening = jnp.where(run.repeats, run.steps.origin[run.period], course.begin) - 1e-9 * period
     cycles = jnp.where(run.repeats, 1, course.span)
     real = jnp.arange(begins.shape[0]) < run.count
     return real & (begins >= opening) & (begins < opening + cycles * period), cycles
@@ -332,7 +329,7 @@ class Steady(AbstractCycle):
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         when = timing(system.drive)
         cycles = integrate_cycles(system, when.period, when.phases, accuracy, TOLERANCE, _CYCLES)
-        return _measured(system, cycles, cycles.period, _ratio(cycles)), cycles.failure
+        return _mean_metrics(system, cycles, cycles.period, _ratio(cycles)), cycles.failure
 
     def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
         """The points that did not repeat; others that are not finite failed."""
@@ -343,7 +340,7 @@ class Steady(AbstractCycle):
         # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
         cycles = integrate_cycles(restarted(system, opening.x), when.period, when.phases, accuracy, 0.0, PERIODS + 1)
         decay = jnp.where(jnp.isfinite(opening.multiplier), opening.multiplier, _ratio(cycles))
-        measured = _measured(system, cycles, opening.repeats, decay)
+        measured = _mean_metrics(system, cycles, opening.repeats, decay)
         failure = jnp.where(cycles.failure > 0, cycles.failure, opening.failure)
         return measured, jnp.where((failure == 0) & (opening.grazing < GRAZES), GRAZING, failure)
 
@@ -351,7 +348,11 @@ class Steady(AbstractCycle):
         return lax.stop_gradient(_orbit(lax.stop_gradient(system), FINE))
 
     def course(self, system: StickSlip, opening: Opening) -> Course:
-        return _course(system, opening, FINE)
+        when, again = timing(system.drive), restarted(system, opening.x)
+        span = jnp.where(opening.repeats > 0, opening.repeats, PERIODS)
+        run = integrate_steps(again, span * when.period + when.phases[-1], FINE)
+        failure = jnp.where(opening.failure > 0, opening.failure, run.failure)
+        return Course(system, again, run, jnp.zeros(()), span, PERIODS, failure)
 
     def moved_opening(
         self,
@@ -365,14 +366,6 @@ class Steady(AbstractCycle):
         return jnp.where(jnp.isfinite(opening.multiplier), moved, jnp.nan)
 
 
-def _course(system: StickSlip, opening: Opening, accuracy: Accuracy) -> Course:
-    when, again = timing(system.drive), restarted(system, opening.x)
-    span = jnp.where(opening.repeats > 0, opening.repeats, PERIODS)
-    run = integrate_steps(again, span * when.period + when.phases[-1], accuracy)
-    failure = jnp.where(opening.failure > 0, opening.failure, run.failure)
-    return Course(system, again, run, jnp.zeros(()), span, PERIODS, failure)
-
-
 def _orbit(system: StickSlip, accuracy: Accuracy) -> Opening:
     """The opening of the steady motion; of the last cycle that was integrated where it does not repeat."""
     period = timing(system.drive).period
@@ -380,7 +373,7 @@ def _orbit(system: StickSlip, accuracy: Accuracy) -> Opening:
     return Opening(found.x, found.period, found.multipliers[0], found.grazing, found.failure)
 
 
-def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -> Float[Array, " metrics"]:
+def _mean_metrics(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -> Float[Array, " metrics"]:
     """The metrics, in the mean over the cycles until the motion repeats, or over the last where it does not."""
     when = timing(system.drive)
     effector = jax.vmap(lambda x: effector_at(system, x))(cycles.x)

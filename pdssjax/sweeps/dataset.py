@@ -6,7 +6,7 @@ so that first order does not do (`SigmaPoints`).
 """
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -18,12 +18,11 @@ from .points import STEP, AbstractPoints
 if TYPE_CHECKING:
     import xarray
 
-Coordinate: TypeAlias = tuple[str, Float[np.ndarray, " values"], dict[str, str]]
-"""Dimension, values and attributes, as xarray takes them."""
 
-
-def coordinates_of(points: AbstractPoints, declared: Mapping[str, Quantity]) -> dict[str, Coordinate]:
-    """The coordinates of the `points`, by name."""
+def coordinates_of(
+    points: AbstractPoints, declared: Mapping[str, Quantity]
+) -> dict[str, tuple[str, Float[np.ndarray, " values"], dict[str, str]]]:
+    """By name, the coordinates of the `points` as xarray takes them: dimension, values and attributes."""
     return {
         path.replace(".", "_"): (dimension, values, {"units": declared[path].unit or "1", "long_name": path})
         for path, (dimension, values) in points.coordinates().items()
@@ -62,9 +61,11 @@ STRAIGHT = 0.04
 """What first order may miss of the variance where it is said to hold, as a part of it."""
 
 _KINDS = {
+    "": "",
     "sd": "standard deviation of",
     "low": "lower end of the 95 % band of",
     "high": "upper end of the 95 % band of",
+    "straight": "first order holds for",
 }
 
 
@@ -92,10 +93,9 @@ def with_bands(data: "xarray.Dataset") -> "xarray.Dataset":
     for name in [str(name) for name in kept.data_vars if name != "failure"]:
         told = kept[name].attrs
         for kind, values in bands(kept[name], dimension).items():
-            says = f"{_KINDS[kind]} {told['long_name']}" if kind in _KINDS else told["long_name"]
             unit = "1" if kind == "straight" else told["units"]
-            says = f"first order holds for {told['long_name']}" if kind == "straight" else says
-            found[f"{name}_{kind}" if kind else name] = values.assign_attrs(units=unit, long_name=says)
+            says = f"{_KINDS[kind]} {told['long_name']}".strip()
+            found[f"{name}_{kind}".strip("_")] = values.assign_attrs(units=unit, long_name=says)
     return found.assign_attrs(bands="draws" if dimension == "draw" else "first order")
 
 

@@ -24,7 +24,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias, cast
 
 import jax
 import numpy as np
@@ -50,7 +50,11 @@ def package_version() -> str:
 
 def job_document(function: PointFunction) -> Document:
     """`function` as plain data: members by name, numbers by path or field, in SI."""
-    models, drive = function.models, function.drive
+    models, drive, accuracy = function.models, function.drive, function.accuracy
+    method = accuracy.method
+    described = {"name": "taylor", "order": method.order} if isinstance(method, Taylor) else {"name": repr(method)}
+    steps = {f.name: getattr(accuracy, f.name) for f in dataclasses.fields(accuracy) if f.name != "method"}
+    steps = {name: float(n) if isinstance(n, float) else int(n) for name, n in steps.items()}
     numbers = {field: float(getattr(drive, field)) for field in [*quantities(type(drive)), *choices(type(drive))]}
     # Left out where nothing is asked for, so that stores from before there was anything to ask are those of this sweep.
     asked = {"further": list(function.further), "derivatives": list(function.by)}
@@ -62,7 +66,7 @@ def job_document(function: PointFunction) -> Document:
         "parameters": {path: float(number) for path, number in function.numbers.items()},
         "paths": list(function.paths),
         "cycles": function.cycle.described,
-        "accuracy": _accuracy_document(function.accuracy),
+        "accuracy": steps | {"method": described},
         "metrics": list(function.columns),
     }
 
@@ -128,21 +132,8 @@ def _value_text(value: object) -> str:
     return "none" if value is None else f"{value!r}" if isinstance(value, float) else str(value)
 
 
-def _accuracy_document(accuracy: Accuracy) -> Document:
-    method = accuracy.method
-    described = {"name": "taylor", "order": method.order} if isinstance(method, Taylor) else {"name": repr(method)}
-    numbers = {f.name: getattr(accuracy, f.name) for f in dataclasses.fields(accuracy) if f.name != "method"}
-    return {name: float(n) if isinstance(n, float) else int(n) for name, n in numbers.items()} | {"method": described}
-
-
 Block: TypeAlias = Float[np.ndarray, "lanes columns"]
 """Results at the points of a block: the metrics, then the failure, one row a point."""
-
-Answer = TypeVar("Answer")
-"""The result of a task."""
-
-_IN_FLIGHT = 64
-"""Blocks that an executor holds at most whose number of workers is not known."""
 
 
 def run_blocks(
@@ -164,17 +155,32 @@ def run_blocks(
         return
     check_travels(document)
     text = job_text(document)
-    submit = lambda number: _submitted(executor, text, number, plan.block(number))
-    with contextlib.closing(_completed(submit, iter(numbers), in_flight or _room(executor))) as done:
+
+    def submit(number: int) -> Future[Block]:
+        try:
+            return executor.submit(run_block, text, plan.block(number))
+        except Exception as error:
+            # Each executor has its way to say that it takes no more: a scheduler that went away, a pool that broke.
+            raise BrokenExecutor(str(error)) from error
+
+    def result(number: int, future: Future[Block]) -> Block:
+        try:
+            return future.result()
+        except CancelledError as error:
+            raise BrokenExecutor(f"block {number} was cancelled") from error
+
+    most = getattr(executor, "_max_workers", None)
+    room = in_flight or (2 * most if isinstance(most, int) else 64)
+    with contextlib.closing(_completed(submit, iter(numbers), room)) as done:
         for number, future in done:
-            yield number, functools.partial(_result, future, number)
+            yield number, functools.partial(result, number, future)
 
 
-def run_block(text: str, number: int, points: Float[np.ndarray, "lanes paths"]) -> tuple[int, Block]:
-    """Compute the block `number` of the job `text` at its `points`: the task of a worker."""
+def run_block(text: str, points: Float[np.ndarray, "lanes paths"]) -> Block:
+    """Compute a block of the job `text` at its `points`: the task of a worker."""
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         prepare_jax()
-    return number, compute_block(_cached_function(text), points)
+    return compute_block(_cached_function(text), points)
 
 
 @functools.lru_cache(maxsize=4)
@@ -208,10 +214,10 @@ def _on_threads(
 
 
 def _completed(
-    submit: Callable[[int], Future[Answer]], numbers: Iterator[int], in_flight: int
-) -> Generator[tuple[int, Future[Answer]], None, None]:
+    submit: Callable[[int], Future[Block]], numbers: Iterator[int], in_flight: int
+) -> Generator[tuple[int, Future[Block]], None, None]:
     """The futures of `numbers` as they are done, never more than `in_flight` at a time."""
-    waiting: dict[Future[Answer], int] = {}
+    waiting: dict[Future[Block], int] = {}
     try:
         while True:
             for number in itertools.islice(numbers, in_flight - len(waiting)):
@@ -224,31 +230,6 @@ def _completed(
     finally:
         for future in waiting:
             future.cancel()
-
-
-def _submitted(
-    executor: Executor, text: str, number: int, points: Float[np.ndarray, "lanes paths"]
-) -> Future[tuple[int, Block]]:
-    try:
-        return executor.submit(run_block, text, number, points)
-    except Exception as error:
-        # Each executor has its way to say that it takes no more: a scheduler that went away, a pool that broke.
-        raise BrokenExecutor(str(error)) from error
-
-
-def _result(future: Future[tuple[int, Block]], number: int) -> Block:
-    try:
-        told, found = future.result()
-    except CancelledError as error:
-        raise BrokenExecutor(f"block {number} was cancelled") from error
-    if told != number:
-        raise RuntimeError(f"Expected block {number}, but the executor gave block {told}.")
-    return found
-
-
-def _room(executor: Executor) -> int:
-    workers = getattr(executor, "_max_workers", None)
-    return 2 * workers if isinstance(workers, int) else _IN_FLIGHT
 
 
 _PATIENCE = 10.0
@@ -276,23 +257,17 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
             f"scheduler {address}: found none that answers ({told[0]}), expected a Dask scheduler."
         ) from None
     with contextlib.closing(client):
-        threads = sum(_answer(client.nthreads()).values())
+        # `distributed` types these answers of each worker as if they were awaited.
+        threads = sum(cast(dict[str, int], client.nthreads()).values())
         if not threads:
             raise InputError(f"scheduler {address}: found no workers, expected at least one.")
-        _check_versions(address, _answer(client.run(importlib.metadata.version, "pdssjax", on_error="return")))
+        here = package_version()
+        versions = cast(Any, client.run(importlib.metadata.version, "pdssjax", on_error="return"))
+        for worker, version in versions.items():
+            if version != here:
+                told = f"pdssjax {version}" if isinstance(version, str) else "no pdssjax"
+                raise InputError(
+                    f"scheduler {address}: worker {worker}: found {told}, expected pdssjax {here} as here."
+                )
         # A block is the same wherever and however often it is computed: a worker that dies is replaced.
         yield client.get_executor(pure=False, retries=2), threads
-
-
-def _answer(told: Any) -> dict[str, Any]:
-    """The answer of each worker; `distributed` types it as if it were awaited."""
-    return told
-
-
-def _check_versions(address: str, found: dict[str, object]) -> None:
-    here = package_version()
-    for worker, version in found.items():
-        if version == here:
-            continue
-        told = f"pdssjax {version}" if isinstance(version, str) else "no pdssjax"
-        raise InputError(f"scheduler {address}: worker {worker}: found {told}, expected pdssjax {here} as here.")

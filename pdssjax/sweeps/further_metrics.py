@@ -10,7 +10,7 @@ too: where a step begins and ends has that derivative already, so the force is l
 the two.
 """
 
-from typing import NamedTuple, cast
+from typing import cast
 
 import jax
 import jax.numpy as jnp
@@ -50,25 +50,16 @@ _PLATEAU = (0.751, 0.949)
 
 def counted(course: Course, multiplier: Scalar, near: Scalar) -> dict[str, Scalar]:
     """`COUNTED` of a course, of which the last two are known."""
+    inside, cycles = steps_within(course)
+    steps, period = course.run.steps, timing(course.system.drive).period
+    # While it is settled nothing is left but the steady creep of the platform.
+    settled = jnp.sum(jnp.where(inside & (steps.mode == SETTLED), steps.duration, 0.0))
     return {
-        "reversals": reversals(course),
-        "settled": settled(course),
+        "reversals": jnp.sum(inside & turns(course.run)) / cycles,
+        "settled": settled / (cycles * period),
         "grazing": near,
         "multiplier": multiplier,
     }
-
-
-def reversals(course: Course) -> Scalar:
-    """How often in a cycle the relative motion turns or stops, down to where it counts as settled."""
-    inside, cycles = steps_within(course)
-    return jnp.sum(inside & turns(course.run)) / cycles
-
-
-def settled(course: Course) -> Scalar:
-    """The part of a cycle for which nothing is left but the steady creep of the platform; 0: it never settles."""
-    inside, cycles = steps_within(course)
-    steps, period = course.run.steps, timing(course.system.drive).period
-    return jnp.sum(jnp.where(inside & (steps.mode == SETTLED), steps.duration, 0.0)) / (cycles * period)
 
 
 def nearest_to_grazing(course: Course) -> Scalar:
@@ -100,56 +91,48 @@ _HALVINGS = 54
 """Halvings of the interval in which a peak lies: to rounding."""
 
 
-class _Place(NamedTuple):
-    """A part of the way through a step, which holds a peak."""
-
-    step: Array
-    low: Scalar
-    high: Scalar
-
-
 def peak_friction(course: Course) -> Scalar:
     """The largest magnitude of the friction force [N] in a cycle.
 
     Differentiable in all that the course is; where two peaks are equally high the derivative is that of one of them.
     """
     still = lax.stop_gradient(course)
-    slope_at = jax.grad(lambda part, step: _magnitude(still, step, part))
+    slope_at = jax.grad(lambda part, step: _friction_magnitude(still, step, part))
 
-    def refined(place: _Place) -> Scalar:
+    def refined(step: Array, first: Scalar, last: Scalar) -> Scalar:
         """The part of the way through the step at which the peak lies; an end of it where the force rises to there."""
 
         def halved(_: int, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
             low, high = ends
             middle = 0.5 * (low + high)
-            rises = slope_at(middle, place.step) > 0
+            rises = slope_at(middle, step) > 0
             return jnp.where(rises, middle, low), jnp.where(rises, high, middle)
 
-        low, high = lax.fori_loop(0, _HALVINGS, halved, (place.low, place.high))
-        return jnp.where(high == place.high, high, jnp.where(low == place.low, low, 0.5 * (low + high)))
+        low, high = lax.fori_loop(0, _HALVINGS, halved, (first, last))
+        return jnp.where(high == last, high, jnp.where(low == first, low, 0.5 * (low + high)))
 
-    places = _places(still)
-    parts = jax.vmap(refined)(places)
-    heights = jax.vmap(lambda step, part: _magnitude(still, step, part))(places.step, parts)
+    steps, lows, highs = _peak_intervals(still)
+    parts = jax.vmap(refined)(steps, lows, highs)
+    heights = jax.vmap(lambda step, part: _friction_magnitude(still, step, part))(steps, parts)
     highest = jnp.argmax(jnp.where(jnp.isfinite(heights), heights, -jnp.inf))
-    return _magnitude(course, places.step[highest], lax.stop_gradient(parts[highest]))
+    return _friction_magnitude(course, steps[highest], lax.stop_gradient(parts[highest]))
 
 
-def _places(course: Course) -> _Place:
-    """Where the highest samples are that exceed their neighbours in the same step; each with the interval to those."""
+def _peak_intervals(course: Course) -> tuple[Array, Array, Array]:
+    """Steps of the highest samples that exceed their neighbours in the same step, and the parts where these are."""
     inside, _ = steps_within(course)
     parts = jnp.linspace(0.0, 1.0, _PARTS + 1)
-    sampled = jax.vmap(lambda step: jax.vmap(lambda part: _magnitude(course, step, part))(parts))
+    sampled = jax.vmap(lambda step: jax.vmap(lambda part: _friction_magnitude(course, step, part))(parts))
     heights = sampled(jnp.arange(inside.shape[0]))
     known = jnp.where(inside[:, None] & jnp.isfinite(heights), heights, -jnp.inf)
     left = jnp.concatenate([jnp.full_like(known[:, :1], -jnp.inf), known[:, :-1]], axis=1)
     right = jnp.concatenate([known[:, 1:], jnp.full_like(known[:, :1], -jnp.inf)], axis=1)
     tops = jnp.where((known >= left) & (known >= right), known, -jnp.inf)
     step, part = jnp.divmod(lax.top_k(tops.ravel(), _PEAKS)[1], _PARTS + 1)
-    return _Place(step, parts[jnp.maximum(part - 1, 0)], parts[jnp.minimum(part + 1, _PARTS)])
+    return step, parts[jnp.maximum(part - 1, 0)], parts[jnp.minimum(part + 1, _PARTS)]
 
 
-def _magnitude(course: Course, step: Array, part: Scalar) -> Scalar:
+def _friction_magnitude(course: Course, step: Array, part: Scalar) -> Scalar:
     """The magnitude of the friction force [N] `part` of the way through a step."""
     steps, following = (jax.tree.map(lambda column, i=i: column[i], course.run.steps) for i in (step, step + 1))
     moved = following.origin + following.t_local - steps.origin - steps.t_local

@@ -4,7 +4,6 @@ Every point is its own simulation from rest.  Points are computed side by side, 
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..core import Count, Quantity, Scalar, ScalarLike, Truth
+from ..core import Count, Scalar, ScalarLike
 from ..drive.base import AbstractDrive
 from ..integration import GRAZES, Accuracy
 from ..simulation import StickSlip
@@ -23,23 +22,6 @@ from .further_metrics import FURTHER, SMOOTH, counted, nearest_to_grazing, outpu
 
 _FEW = 8
 """Points that are computed patiently in one call; one per device where there are more devices."""
-
-
-class CourseMetrics(NamedTuple):
-    """The metrics of a course, and the state that ends it: all that is differentiated."""
-
-    metrics: dict[str, Scalar]
-    end: Float[Array, " components"]
-    """The state that ends it."""
-
-
-class CourseStatus(NamedTuple):
-    """Whether a course has derivatives, and whether its integration failed."""
-
-    grazes: Truth
-    """Whether a reversal grazes: there are then neither derivatives nor multipliers."""
-    failure: Count
-    """Index into `pdssjax.integration.FAILURES`."""
 
 
 class PointFunction(eqx.Module):
@@ -64,7 +46,8 @@ class PointFunction(eqx.Module):
     def columns(self) -> dict[str, Metric]:
         """All that is found, by name: the metrics of the cycle, further ones, derivatives."""
         found = self.cycle.metrics | {name: FURTHER[name] for name in self.further}
-        units = {path: quantity.unit for path, quantity in self._declared().items()}
+        declared = self.models.declared() | {f"drive.{field}": q for field, q in self.drive.declared().items()}
+        units = {path: quantity.unit for path, quantity in declared.items()}
         slopes = {
             f"{name}_by_{path.replace('.', '_')}": Metric(
                 per_unit(found[name].unit, units.get(path, "")), f"{found[name].says} by {path}", path
@@ -117,9 +100,9 @@ class PointFunction(eqx.Module):
         """Metrics of a point's course by name, the derivatives of those that are smooth, and the failure."""
         opening = self.cycle.opening(self.system(values, blocked=blocked))
 
-        def measured(
-            at: Float[Array, " by"], x: Float[Array, " components"]
-        ) -> tuple[CourseMetrics, tuple[CourseMetrics, CourseStatus]]:
+        def measured(at: Float[Array, " by"], x: Float[Array, " components"]):
+            """What is differentiated, smooth metrics and the state that ends the course; and all metrics, whether a
+            reversal grazes, which leaves neither derivatives nor multipliers, and the failure."""
             system = self.system(values, dict(zip(self.by, at, strict=True)), blocked)
             course = self.cycle.course(system, opening._replace(x=x))
             found = {"output_force": output_force(course)} if blocked else step_metrics(course)
@@ -127,34 +110,23 @@ class PointFunction(eqx.Module):
             near = jnp.fmin(opening.grazing, nearest_to_grazing(course))
             grazes = near < GRAZES
             others = {} if blocked else counted(course, jnp.where(grazes, jnp.nan, opening.multiplier), near)
-            status = CourseStatus(grazes, course.failure)
-            return CourseMetrics(found, closing(course)), (CourseMetrics(found | others, x), status)
+            return (found, closing(course)), (found | others, grazes, course.failure)
 
+        failure_of = lambda grazes, failure: jnp.where((failure == 0) & grazes, GRAZING, failure)
         if not self.by:
-            _, (found, status) = measured(jnp.zeros(0), opening.x)
+            _, (found, grazes, failure) = measured(jnp.zeros(0), opening.x)
             # Of a numbered cycle only the multiplier and derivatives suffer.
-            grazes = status.grazes & ((opening.repeats > 0) | ("multiplier" in asked))
-            return found.metrics, {}, _point_failure(status._replace(grazes=grazes))
-        at = jnp.stack([jnp.asarray(self._number(values, path), float) for path in self.by])
+            suffers = grazes & ((opening.repeats > 0) | ("multiplier" in asked))
+            return found, {}, failure_of(suffers, failure)
+        numbers = self.numbers | dict(zip(self.paths, values, strict=True))
+        at = jnp.stack([jnp.asarray(numbers[path], float) for path in self.by])
         # Each a pair: by the numbers, and by the state of the opening.
-        derived, (found, status) = jax.jacfwd(measured, (0, 1), has_aux=True)(at, opening.x)
-        driven, monodromy = derived.end
+        derived, (found, grazes, failure) = jax.jacfwd(measured, (0, 1), has_aux=True)(at, opening.x)
+        smooth, (driven, monodromy) = derived
         moved = self.cycle.moved_opening(self.system(values, blocked=blocked), opening, monodromy, driven)
-        moved = jnp.where(status.grazes, jnp.nan, moved)
-        slopes = {name: by_number + by_state @ moved for name, (by_number, by_state) in derived.metrics.items()}
-        return found.metrics, slopes, _point_failure(status)
-
-    def _number(self, values: Float[Array, " paths"], path: str) -> ScalarLike:
-        return values[self.paths.index(path)] if path in self.paths else self.numbers[path]
-
-    def _declared(self) -> dict[str, Quantity]:
-        """The declared quantities of the models and of the drive, by path."""
-        return self.models.declared() | {f"drive.{field}": q for field, q in self.drive.declared().items()}
-
-
-def _point_failure(status: CourseStatus) -> Count:
-    """The failure of a point, an index into `POINT_FAILURES`."""
-    return jnp.where((status.failure == 0) & status.grazes, GRAZING, status.failure)
+        moved = jnp.where(grazes, jnp.nan, moved)
+        slopes = {name: by_number + by_state @ moved for name, (by_number, by_state) in smooth.items()}
+        return found, slopes, failure_of(grazes, failure)
 
 
 def per_unit(unit: str, of: str) -> str:
@@ -172,16 +144,12 @@ def compute_block(
     left = np.flatnonzero(function.cycle.unfinished(found[:, :-1]))
     for few in _batches(left):
         found[few] = np.column_stack(_results(_one_by_one, function, points[few]))
-    return _with_details(function, points, found) if function.further or function.by else found
-
-
-def _with_details(
-    function: PointFunction, points: Float[np.ndarray, "lanes paths"], found: Float[np.ndarray, "lanes columns"]
-) -> Float[np.ndarray, "lanes all_columns"]:
-    """The results `found`, with further metrics and derivatives before the failure."""
+    if not (function.further or function.by):
+        return found
+    # Further metrics and derivatives stand before the failure.
     details = np.full((len(points), len(function.columns) - len(function.cycle.metrics)), np.nan)
     # What fills up a block is its last point again, and need not be computed again.
-    last = _last_of_its_kind(points)
+    last = len(points) - int(np.argmin(np.append((points[::-1] == points[-1]).all(axis=1), False)))
     sound = np.flatnonzero(np.isin(found[: last + 1, -1], (0, GRAZING)))
     for few in _batches(sound):
         numbers, failure = _results(_details, function, points[few])
@@ -210,11 +178,6 @@ def _batches(chosen: Int[np.ndarray, " chosen"]) -> Iterator[Int[np.ndarray, " f
     """The points that are computed in one call, call after call."""
     most = whole_shares(_FEW)
     return (chosen[begin : begin + most] for begin in range(0, len(chosen), most))
-
-
-def _last_of_its_kind(points: Float[np.ndarray, "lanes paths"]) -> int:
-    """The first of the equal points at the end of a block."""
-    return len(points) - int(np.argmin(np.append((points[::-1] == points[-1]).all(axis=1), False)))
 
 
 @eqx.filter_jit

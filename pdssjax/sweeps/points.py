@@ -260,9 +260,6 @@ class GivenDraws(AbstractPoints):
 STEP = 0.5
 """h, in standard deviations."""
 
-_SEED = 0
-"""Seed of the random directions, which are the same in every sweep."""
-
 
 class SigmaPoints(AbstractPoints):
     """The estimate, both points of every principal axis that has a variance, then those of every random direction."""
@@ -280,7 +277,8 @@ class SigmaPoints(AbstractPoints):
     def values(self) -> Float[np.ndarray, "points paths"]:
         axes = self.draws.root().T
         count = len(axes)
-        directions = np.linalg.qr(np.random.default_rng(_SEED).standard_normal((count, count)))[0]
+        # The same directions in every sweep.
+        directions = np.linalg.qr(np.random.default_rng(0).standard_normal((count, count)))[0]
         out = np.concatenate([STEP * axes, np.sqrt(count) * directions @ axes])
         away = np.concatenate([np.zeros((1, len(self.paths))), np.repeat(out, 2, axis=0)])
         away[2::2] *= -1.0

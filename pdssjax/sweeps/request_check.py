@@ -105,7 +105,9 @@ def check_axes(
     declared = {}
     for path, column in zip(paths, values.T, strict=True):
         if path in words:
-            _check_words(path, column, words[path])
+            for value in np.setdiff1d(column, list(words[path].values())):
+                expected = " or ".join(f"{number:g} ({word})" for word, number in words[path].items())
+                raise InputError(f'sweep: path "{path}": found {value:g}, expected {expected}.')
             declared[path] = Quantity(0.0, "", False, -np.inf, np.inf, True)
             continue
         if path not in legal:
@@ -114,13 +116,6 @@ def check_axes(
             check_range(float(end), legal[path], f'sweep: path "{path}"')
         declared[path] = legal[path]
     return declared
-
-
-def _check_words(path: str, column: Float[np.ndarray, " points"], words: Mapping[str, float]) -> None:
-    for value in np.unique(column):
-        if value not in words.values():
-            expected = " or ".join(f"{number:g} ({word})" for word, number in words.items())
-            raise InputError(f'sweep: path "{path}": found {value:g}, expected {expected}.')
 
 
 def contradictions(
@@ -137,14 +132,10 @@ def contradictions(
     held = {path.removeprefix("drive."): n for path, n in shared.items() if path.startswith("drive.")}
     held = {field: number for field, number in held.items() if hasattr(drive, field)}
     different, which = np.unique(values[:, named], axis=0, return_inverse=True)
-    broken = [
-        bool(
-            set(drive.with_numbers(held | dict(zip([fields[i] for i in named], row, strict=True))).broken_conditions())
-            - {"voltage"}
-        )
-        for row in different.tolist()
+    drives = [
+        drive.with_numbers(held | dict(zip([fields[i] for i in named], row, strict=True))) for row in different.tolist()
     ]
-    return np.array(broken)[which.ravel()]
+    return np.array([bool(set(made.broken_conditions()) - {"voltage"}) for made in drives])[which.ravel()]
 
 
 def check_metrics(metrics: Sequence[str], cycle: AbstractCycle, known: Sequence[str]) -> None:

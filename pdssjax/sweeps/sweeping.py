@@ -7,7 +7,7 @@ import contextlib
 import dataclasses
 import json
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from typing import TYPE_CHECKING
 
@@ -164,7 +164,10 @@ def sweep(
     where the executor's workers do not answer as they should.
     """
     require_float64("sweep")
-    _check_workers(executor, workers, in_flight)
+    check_executor(executor)
+    for name, number in (("workers", workers), ("in_flight", in_flight)):
+        if number is not None:
+            check_whole(name, number, 1)
     planned = plan_sweep(
         study, over, record=record, cycles=cycles, accuracy=accuracy, metrics=metrics, derivatives=derivatives
     )
@@ -173,73 +176,50 @@ def sweep(
     with contextlib.closing(store):
         plan, pending = store.open(planned.document, planned.plan)
         planned = dataclasses.replace(planned, plan=plan)
-        _run(planned, pending, store, progress, executor, workers, in_flight)
-        found = _in_order(planned, store)
+        blocks = run_blocks(planned.function, planned.document, plan, pending, executor, workers, in_flight)
+        try:
+            with contextlib.closing(blocks):
+                _keep_blocks(planned, pending, blocks, store, progress)
+        except BrokenExecutor as error:
+            told = next(iter(str(error).strip().splitlines()), type(error).__name__)
+            raise InputError(
+                f"sweep: found an executor that gave up ({told}), expected workers that can import pdssjax and have "
+                "the memory, and a scheduler that stays; what was done is in the store, if there is one."
+            ) from error
+        rows = store.read()
+    found = np.full((len(planned.points), rows.shape[1]), np.nan)
+    found[:, -1] = SKIPPED
+    found[plan.order] = rows
     return labelled(planned, found)
 
 
-def _check_workers(executor: Executor | None, workers: int | None, in_flight: int | None) -> None:
-    """**Raises** `InputError` for an executor or numbers of workers that cannot compute blocks."""
-    check_executor(executor)
-    for name, number in (("workers", workers), ("in_flight", in_flight)):
-        if number is not None:
-            check_whole(name, number, 1)
-
-
-def _run(
+def _keep_blocks(
     planned: PlannedSweep,
     pending: Sequence[int],
+    blocks: Iterable[tuple[int, Callable[[], Float[np.ndarray, "lanes columns"]]]],
     store: AbstractBlockStore,
     progress: Callable[[int, int], None] | None,
-    executor: Executor | None,
-    workers: int | None,
-    in_flight: int | None,
 ) -> None:
-    """Compute the blocks `pending`, and let the `store` keep each."""
+    """Let the `store` keep each of the `blocks` as it is computed; `pending` numbers all that will come."""
     plan, total = planned.plan, len(planned.points)
     size = lambda number: plan.place(number).stop - plan.place(number).start
-    done = total - sum(size(number) for number in pending)
-    kept = 0
-    blocks = run_blocks(planned.function, planned.document, plan, pending, executor, workers, in_flight)
-    with contextlib.closing(blocks), _refusing_broken_executors():
-        for number, found in blocks:
-            try:
-                rows = found()[: size(number)]
-            except (InputError, BrokenExecutor):
+    done, kept = total - sum(map(size, pending)), 0
+    for number, found in blocks:
+        try:
+            rows = found()[: size(number)]
+        except (InputError, BrokenExecutor):
+            raise
+        except Exception as error:
+            # What fails at the first block would at every other one: it is no matter of the points.
+            if not kept:
                 raise
-            except Exception as error:
-                # What fails at the first block would at every other one: it is no matter of the points.
-                if not kept:
-                    raise
-                store.fail(number, f"{type(error).__name__}: {error}")
-            else:
-                store.keep(number, rows)
-                kept += 1
-            done += size(number)
-            if progress is not None:
-                progress(done, total)
-
-
-@contextlib.contextmanager
-def _refusing_broken_executors() -> Iterator[None]:
-    """An executor that takes or gives no more blocks ends a sweep with a line."""
-    try:
-        yield
-    except BrokenExecutor as error:
-        told = next(iter(str(error).strip().splitlines()), type(error).__name__)
-        raise InputError(
-            f"sweep: found an executor that gave up ({told}), expected workers that can import pdssjax and have the "
-            "memory, and a scheduler that stays; what was done is in the store, if there is one."
-        ) from error
-
-
-def _in_order(planned: PlannedSweep, store: AbstractBlockStore) -> Float[np.ndarray, "points columns"]:
-    """The results in the store, in the order of the points; NaN and skipped where nothing was to be computed."""
-    rows = store.read()
-    found = np.full((len(planned.points), rows.shape[1]), np.nan)
-    found[:, -1] = SKIPPED
-    found[planned.plan.order] = rows
-    return found
+            store.fail(number, f"{type(error).__name__}: {error}")
+        else:
+            store.keep(number, rows)
+            kept += 1
+        done += size(number)
+        if progress is not None:
+            progress(done, total)
 
 
 def labelled(planned: PlannedSweep, found: Float[np.ndarray, "points columns"]) -> "xarray.Dataset":
@@ -256,12 +236,22 @@ def labelled(planned: PlannedSweep, found: Float[np.ndarray, "points columns"]) 
     meanings = "; ".join(f"{i}: {sentence or 'none'}" for i, sentence in enumerate(POINT_FAILURES))
     failure = found[:, -1].astype(np.int8).reshape(shape)
     data["failure"] = (names, failure, {"long_name": "why a point has no value", "meanings": meanings})
+    # The numbers about which the points scatter, as far as they are known, and how far.
+    scattered: dict[str, UsedNumber] = {}
+    for path, (about, error) in points.scattered().items():
+        listed = planned.study.parameters.get(path)
+        known = None if listed is None else listed.number
+        number = known if about is None else about
+        if number is not None:
+            source = listed.origin if listed is not None and number == known else "given"
+            unit = planned.declared[path].unit
+            scattered[path] = {"value": number, "unit": unit, "source": source, "standard_error": error}
     attributes = {
         "title": planned.study.title,
         "record": base.name,
         "cycles": function.cycle.described,
         "drive": type(base.drive).__name__,
-        "parameters": json.dumps({**planned.used, **_scattered(planned)}),
+        "parameters": json.dumps({**planned.used, **scattered}),
     }
     of_drive = {
         f"drive.{field.name}": float(getattr(base.drive, field.name))
@@ -271,17 +261,3 @@ def labelled(planned: PlannedSweep, found: Float[np.ndarray, "points columns"]) 
     # What the study says of its drives is what was run with, not the record's own defaults.
     held = of_drive | {path: told["value"] for path, told in planned.used.items()}
     return xarray.Dataset(data, coordinates_of(points, planned.declared), attributes | held)
-
-
-def _scattered(planned: PlannedSweep) -> dict[str, UsedNumber]:
-    """The numbers about which the points scatter, by path, as far as they are known, and how far."""
-    told: dict[str, UsedNumber] = {}
-    for path, (about, error) in planned.points.scattered().items():
-        listed = planned.study.parameters.get(path)
-        known = None if listed is None else listed.number
-        number = known if about is None else about
-        if number is not None:
-            source = listed.origin if listed is not None and number == known else "given"
-            unit = planned.declared[path].unit
-            told[path] = {"value": number, "unit": unit, "source": source, "standard_error": error}
-    return told

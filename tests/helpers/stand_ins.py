@@ -35,7 +35,7 @@ def calls(monkeypatch, undrawn) -> SimpleNamespace:
     noted = SimpleNamespace(studies=[], methods=[], drawings=[], converged=True, explained=True)
     noted.study, noted.peaks = SimpleNamespace(parameters={}), False
 
-    def load_study(path):
+    def load_study(path, virtual=False):
         noted.studies.append(path)
         return noted.study
 

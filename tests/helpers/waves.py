@@ -7,6 +7,7 @@ from scipy.optimize import least_squares
 
 from pdssjax.inference import Ending, Fit
 from pdssjax.inference.losses.squares import Squares
+from pdssjax.inference.prior import Prior
 
 PATHS = ("piezo.gain", "friction.f_c")
 
@@ -34,7 +35,7 @@ class Waves:
         )
         self.records[0].measured = np.zeros(4)
         transform = SimpleNamespace(paths=PATHS, at_bound=self.at_bound)
-        self.residual = SimpleNamespace(transform=transform, loss=Squares(), priors={})
+        self.residual = SimpleNamespace(transform=transform, loss=Squares(), prior=Prior())
 
     def at_bound(self, free):
         return (free <= self.bounds[0]) | (free >= self.bounds[1])

@@ -42,4 +42,3 @@ def test_once_the_evaluations_are_spent_a_run_takes_a_single_step():
     first = counted(problem, at(0.0, 0.0), None, 7)
     counted(problem, at(0.5, 0.5), None)
     assert limits == [7, 1] and budget.refused == 1 and budget.spent == first.evaluations
-    assert f"after {first.evaluations} evaluations" in budget.word

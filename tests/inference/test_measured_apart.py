@@ -175,7 +175,7 @@ def test_what_records_do_not_show_has_no_pull_and_each_has_the_row_of_its_own(st
     problem, start = pdssjax.pose_problem(study)
     jacobian = np.asarray(problem.jacobian(start))[problem.rows_apart]
     paths = problem.residual.transform.paths
-    assert [paths[int(np.flatnonzero(row)[0])] for row in jacobian] == list(problem.residual.priors)
+    assert [paths[int(np.flatnonzero(row)[0])] for row in jacobian] == list(problem.residual.prior.paths)
 
 
 def test_replicates_of_a_bootstrap_draw_it_anew(studies, estimates):

@@ -69,7 +69,7 @@ def test_derivatives_are_those_of_differences(forward):
     turn = np.mod(TIME - NUMBERS[2], NUMBERS[1])
     at_a_corner = np.minimum(turn, np.abs(turn - NUMBERS[3])) < 1e-4
     assert not np.any(at_a_corner) and np.any(turn < NUMBERS[3])
-    levels = lambda numbers: levels_of(TIME, forward, *numbers)
+    levels = lambda numbers: levels_of(TIME, forward, numbers)
     line = lambda numbers: line_of(numbers, forward)
     for slopes, function in (
         (slopes_of_levels(TIME, forward, *NUMBERS), levels),
@@ -86,4 +86,4 @@ def test_slow_flanks_lie_on_their_line(forward):
     turn = (TIME - start) / period
     slow = np.mod(turn, 1.0) > duration / period
     on_line = a + slope * TIME - drop * np.floor(turn)
-    np.testing.assert_allclose(levels_of(TIME, forward, *NUMBERS)[slow], on_line[slow], atol=1e-9)
+    np.testing.assert_allclose(levels_of(TIME, forward, NUMBERS)[slow], on_line[slow], atol=1e-9)

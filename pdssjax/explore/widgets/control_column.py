@@ -30,12 +30,8 @@ class ControlRow:
     """A slider, and the field beside it."""
 
     def __init__(self, knob: Knob, number: float, on_change: OnChange, on_message: OnMessage):
-        self.knob, self._on_change, self._on_message = (
-            knob._replace(range=knob.range.widened(number, knob.quantity)),
-            on_change,
-            on_message,
-        )
-        self._quiet = False
+        self.knob = knob._replace(range=knob.range.widened(number, knob.quantity))
+        self._on_change, self._on_message, self._quiet = on_change, on_message, False
         name = knob.path.partition(".")[2] or knob.path
         tag = "" if knob.free or not knob.parameter else ' <span style="color:#888">fixed</span>'
         label = f'<span title="{html.escape(knob.path)}">{html.escape(name)}{tag}</span>'
@@ -51,11 +47,7 @@ class ControlRow:
             css_classes=["slider", f"slider-{marked}"],
         )
         self._field = pn.widgets.TextInput(
-            value=knob.text(number),
-            width=82,
-            margin=0,
-            stylesheets=[COMPACT],
-            css_classes=["field", f"field-{marked}"],
+            value=knob.text(number), width=82, margin=0, stylesheets=[COMPACT], css_classes=["field", f"field-{marked}"]
         )
         self._slider.param.watch(self._slid, "value")
         self._field.param.watch(self._typed, "value")
@@ -71,21 +63,21 @@ class ControlRow:
     def show(self, number: float) -> None:
         """Move slider and field to `number` [SI] without reporting a change."""
         self.knob = self.knob._replace(range=self.knob.range.widened(number, self.knob.quantity))
+        self._set(self._slider, self.knob.range.position(number))
+        self._set(self._field, self.knob.text(number))
+
+    def _set(self, widget: Widget, value: object) -> None:
+        """Give a widget a value that it does not report as a change."""
         self._quiet = True
         try:
-            self._slider.value = self.knob.range.position(number)
-            self._field.value = self.knob.text(number)
+            widget.value = value
         finally:
             self._quiet = False
 
     def _slid(self, event: object) -> None:
         if not self._quiet:
             number = self.knob.range.number(self._slider.value)
-            self._quiet = True
-            try:
-                self._field.value = self.knob.text(number)
-            finally:
-                self._quiet = False
+            self._set(self._field, self.knob.text(number))
             self._on_message("")
             self._on_change(self.knob.path, number)
 
@@ -205,32 +197,21 @@ class FitBox:
         self._line.object = html.escape(line)
 
 
-Save = Callable[[Path, bool], Path]
-"""Writes a study to a path, over another where asked, and gives its whole path.  Raises `InputError` or `OSError`."""
-
-
 class SaveBox:
     """A field for the path, a button, and a line that says what was saved."""
 
-    def __init__(self, suggested: Path, save: Save):
+    def __init__(self, suggested: Path, save: Callable[[Path, bool], Path]):
+        """`save` writes a study to a path, over another where asked, and gives its whole path."""
         self._save, self._folder = save, suggested.parent
         self._path = pn.widgets.TextInput(
-            value=suggested.name,
-            width=182,
-            margin=(2, 6, 2, 0),
-            stylesheets=[LEFT],
-            css_classes=["save-path"],
+            value=suggested.name, width=182, margin=(2, 6, 2, 0), stylesheets=[LEFT], css_classes=["save-path"]
         )
         self._button = pn.widgets.Button(label="Save as study", height=28, margin=(2, 6), css_classes=["save"])
         self._replace = pn.widgets.Checkbox(
             label="replace", margin=(8, 0, 0, 0), width=68, css_classes=["save-replace"]
         )
         self._line = pn.pane.HTML(
-            f"in {html.escape(str(self._folder))}",
-            margin=0,
-            width=372,
-            styles=MESSAGE,
-            css_classes=["save-said"],
+            f"in {html.escape(str(self._folder))}", margin=0, width=372, styles=MESSAGE, css_classes=["save-said"]
         )
         self._button.on_click(lambda event: self._press())
         self.view: Widget = pn.Column(pn.Row(self._path, self._button, self._replace, margin=0), self._line, margin=0)

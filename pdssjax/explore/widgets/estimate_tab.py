@@ -41,23 +41,17 @@ class EstimateTab:
         advice = estimate.error_advice
         told = [f"Errors to believe: {advice.model}. {advice.reason}"] if advice is not None else []
         paragraphs = [f"<p>{html.escape(text)}</p>" for text in (*told, estimate.message, *estimate.notes) if text]
-        self._text.object = f"<p><b>{html.escape(_headline(estimate))}</b></p>{_table(estimate)}{''.join(paragraphs)}"
+        verdict = estimate.verdict if estimate.success else estimate.verdict.upper()
+        headline = (
+            f"{estimate.title}: {estimate.method} fit, {verdict}; chi-square a degree of freedom "
+            f"{estimate.statistics.reduced_chi2:.4g} over {estimate.statistics.samples} samples"
+        )
+        heads = ["parameter", "unit", "value", "± one standard deviation", "95 % interval", "start", ""]
+        rows = _cells("th", heads), *(_cells("td", _row(parameter)) for parameter in estimate.parameters.values())
+        table = f"<table>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+        self._text.object = f"<p><b>{html.escape(headline)}</b></p>{table}{''.join(paragraphs)}"
         plots = [_correlations(estimate)] if len(estimate.names) > 1 else []
         self._plots.objects = plots + [_profile(p, estimate.parameters[p.path]) for p in estimate.profiles]
-
-
-def _headline(estimate: Estimate) -> str:
-    verdict = estimate.verdict if estimate.success else estimate.verdict.upper()
-    return (
-        f"{estimate.title}: {estimate.method} fit, {verdict}; chi-square a degree of freedom "
-        f"{estimate.statistics.reduced_chi2:.4g} over {estimate.statistics.samples} samples"
-    )
-
-
-def _table(estimate: Estimate) -> str:
-    heads = ["parameter", "unit", "value", "± one standard deviation", "95 % interval", "start", ""]
-    rows = [_cells("th", heads), *(_cells("td", _row(parameter)) for parameter in estimate.parameters.values())]
-    return f"<table>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
 
 
 def _cells(tag: str, texts: list[str]) -> str:

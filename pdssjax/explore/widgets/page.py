@@ -2,7 +2,6 @@
 
 import html
 import time
-from pathlib import Path
 
 import panel as pn
 
@@ -49,14 +48,9 @@ class Page:
     def _build(self) -> None:
         names = [record.name for record in self._study.records]
         self._select = pn.widgets.Select(
-            options=names,
-            value=self._record.name,
-            width=190,
-            height=28,
-            margin=(4, 4),
-            stylesheets=[LEFT],
+            options=names, value=self._record.name, width=190, height=28, margin=(4, 4), stylesheets=[LEFT],
             css_classes=["record"],
-        )
+        )  # fmt: skip
         self._select.param.watch(lambda event: self._choose(str(event.new)), "value")
         self._headline = pn.pane.HTML(
             "", margin=(0, 8), sizing_mode="stretch_width", styles=_HEADLINE, css_classes=["headline"]
@@ -65,18 +59,26 @@ class Page:
             "", margin=(2, 0), width=372, styles=MESSAGE | {"color": "#b03a00"}, css_classes=["said"]
         )
         knobs = parameter_knobs(self._study)
-        self._parameters = ControlGroup(knobs, [], self._settings.values, self._change_parameter, self._say)
+        change = lambda path, number: self._change(self._settings.with_values({path: number}))
+        self._parameters = ControlGroup(knobs, [], self._settings.values, change, self._say)
         self._drive_place = pn.Column(margin=0)
         self._estimate = EstimateTab()
         self._scores_table = ScoreTable(self._study.records)
         self._fit = FitBox(self._study, lambda: self._settings, self._fitted, self._thread)
         self._sweep = SweepPage(self._bench, lambda: self._settings, lambda: self._record.name, self._thread)
-        self._save = SaveBox(self._bench.free_path(), self._save_to)
+        save = lambda target, overwrite: self._bench.save(self._settings, target, overwrite)
+        self._save = SaveBox(self._bench.free_path(), save)
         self._record_place, self._contact_place = _place(), _place()
         if self._bench.estimate is not None:
             self._estimate.show(self._bench.estimate)
+        table = pn.Column(
+            self._scores_table.view,
+            sizing_mode="stretch_width",
+            margin=0,
+            styles={"max-height": "176px", "overflow-y": "auto", "flex": "0 0 auto"},
+        )
         self._tabs = pn.Tabs(
-            ("Record", self._record_view()),
+            ("Record", pn.Column(self._record_place, table, sizing_mode="stretch_both", margin=0)),
             ("Contact and phase", self._contact_place),
             ("Estimate", self._estimate.view),
             ("Sweep", self._sweep.view),
@@ -87,33 +89,21 @@ class Page:
             css_classes=["tabs"],
         )
         self._tabs.param.watch(lambda event: self._ask_redraw(), "active")
-        self.view: Widget = pn.Row(
-            self._column(),
-            pn.Column(
-                self._top(), self._tabs, sizing_mode="stretch_both", margin=(0, 0, 0, 6), styles={"min-width": "0"}
-            ),
-            sizing_mode="stretch_both",
-            margin=0,
-            styles={"height": "100vh", "min-height": "560px", "overflow": "hidden"},
-        )
-
-    def _record_view(self) -> Widget:
-        table = pn.Column(
-            self._scores_table.view,
-            sizing_mode="stretch_width",
-            margin=0,
-            styles={"max-height": "176px", "overflow-y": "auto", "flex": "0 0 auto"},
-        )
-        return pn.Column(self._record_place, table, sizing_mode="stretch_both", margin=0)
-
-    def _top(self) -> Widget:
-        return pn.Row(
+        top = pn.Row(
             pn.pane.HTML("record", margin=(9, 4, 0, 4)),
             self._select,
             keyboard_buttons(self._move, self._widen),
             self._headline,
             margin=0,
             height=38,
+        )
+        right = {"margin": (0, 0, 0, 6), "styles": {"min-width": "0"}}
+        self.view: Widget = pn.Row(
+            self._column(),
+            pn.Column(top, self._tabs, sizing_mode="stretch_both", **right),
+            sizing_mode="stretch_both",
+            margin=0,
+            styles={"height": "100vh", "min-height": "560px", "overflow": "hidden"},
         )
 
     def _column(self) -> Widget:
@@ -147,12 +137,8 @@ class Page:
 
     # Changes of numbers
 
-    def _change_parameter(self, path: str, number: float) -> None:
-        self._settings = self._settings.with_values({path: number})
-        self._ask_redraw()
-
-    def _change_drive(self, path: str, number: float) -> None:
-        self._settings = self._settings.with_drive(self._record.name, path, number)
+    def _change(self, settings: Settings) -> None:
+        self._settings = settings
         self._ask_redraw()
 
     def _move_to(self, settings: Settings) -> None:
@@ -164,16 +150,11 @@ class Page:
         self._ask_redraw()
 
     def _show_drive(self) -> None:
-        record = self._record
+        record, title = self._record, "drive of this record"
+        knobs, words = drive_knobs(self._study, record), drive_choices(record)
         numbers = self._settings.drives[record.name]
-        group = ControlGroup(
-            drive_knobs(self._study, record),
-            drive_choices(record),
-            numbers,
-            self._change_drive,
-            self._say,
-            "drive of this record",
-        )
+        change = lambda path, number: self._change(self._settings.with_drive(record.name, path, number))
+        group = ControlGroup(knobs, words, numbers, change, self._say, title)
         self._drive_place.objects = [group.view]
 
     @in_order
@@ -253,12 +234,9 @@ class Page:
         self._dim(True)
         if self._job is not None and self._job.runs:
             return
-        known = self._bench.records.is_ready(self._record.name)
-        self._headline.object = (
-            "compiling for these numbers: some seconds; the pale plots are of earlier ones"
-            if known
-            else "compiling for this record: some seconds, once"
-        )
+        self._headline.object = "compiling for this record: some seconds, once"
+        if self._bench.records.is_ready(self._record.name):
+            self._headline.object = "compiling for these numbers: some seconds; the pale plots are of earlier ones"
         name, settings, instants = self._record.name, self._settings, instants_of(self._record, *self._window)
         work = lambda report: self._bench.records.redraw(name, settings, instants)
         self._job = self._thread.start(work, lambda result, error: self._compiled(error, name, settings))
@@ -293,16 +271,16 @@ class Page:
             self._ask_scores()
             return
         settings = self._settings
-        work = lambda report: self._all_scores(settings, report)
-        self._scoring = self._thread.start(work, lambda scores, error: self._scored(scores, error, settings))
 
-    def _all_scores(self, settings: Settings, report: Report) -> dict[str, Score]:
-        found = {}
-        for record in self._study.records:
-            report(record.name)  # where the job may be stopped
-            instants = instants_of(record, *initial_stretch(record))
-            found[record.name] = self._bench.records.redraw(record.name, settings, instants).score
-        return found
+        def all_scores(report: Report) -> dict[str, Score]:
+            found = {}
+            for record in self._study.records:
+                report(record.name)  # where the job may be stopped
+                instants = instants_of(record, *initial_stretch(record))
+                found[record.name] = self._bench.records.redraw(record.name, settings, instants).score
+            return found
+
+        self._scoring = self._thread.start(all_scores, lambda scores, error: self._scored(scores, error, settings))
 
     def _scored(self, scores: dict[str, Score] | None, error: BaseException | None, settings: Settings) -> None:
         self._scoring = None
@@ -325,9 +303,6 @@ class Page:
         self._estimate.show(result.estimate)
         values = {path: parameter.value for path, parameter in result.estimate.parameters.items()}
         self._move_to(self._settings.with_values(values))
-
-    def _save_to(self, target: Path, overwrite: bool) -> Path:
-        return self._bench.save(self._settings, target, overwrite)
 
 
 def _place() -> Widget:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import panel as pn
-from jaxtyping import Bool, Float
 
 from ...core import MICROMETRES, decimals_for, rounded, with_micro_sign
 from ...study import Record
@@ -31,14 +30,12 @@ from .style import (
     second_axis,
 )
 
-Moved = Callable[[float, float], None]
-"""Takes the begin and the end [s] of the stretch to be enlarged."""
-
 
 class RecordTab:
     """Six plots of one record, three of all of it and three of the stretch enlarged."""
 
-    def __init__(self, record: Record, window: tuple[float, float], moved: Moved):
+    def __init__(self, record: Record, window: tuple[float, float], moved: Callable[[float, float], None]):
+        """`moved` takes the begin and the end [s] of the stretch that the user has chosen to be enlarged."""
         self._record, self._drawn = record, drawn_samples(record)
         display = record.measurement.display
         self._scale, self._unit = display.scale, with_micro_sign(display.unit)
@@ -57,22 +54,17 @@ class RecordTab:
             [_residual(self._whole, ends[0], names[1], self._band), _residual(self._near, ends[1], "", self._band)],
             [_command(s, x, record) for s, x in zip((self._whole, self._near), ends, strict=True)],
         ]
-        self._add_tool(ends[1])
+        tool = models.RangeTool(x_range=ends[1])
+        tool.overlay.fill_color, tool.overlay.fill_alpha = "#F0E442", 0.35
+        self._plots[0][0].add_tools(tool)
+        for name in ("start", "end"):
+            ends[1].on_change(name, lambda attr, old, new: self._dragged(ends[1]))
         for plot in (plot for both in self._plots for plot in both):
             # So that the times stand below each other.
             plot.min_border_left, plot.min_border_right = 72, 58
         # The heights of the rows, of six parts.
         parts = [row(pane(a, 3), pane(b, 2.4), flex=f) for (a, b), f in zip(self._plots, (2.5, 1.4, 1.7), strict=True)]
         self.view = column(*parts)
-
-    def _add_tool(self, window: Model) -> None:
-        overview = self._plots[0][0]
-        tool = models.RangeTool(x_range=window)
-        tool.overlay.fill_color = "#F0E442"
-        tool.overlay.fill_alpha = 0.35
-        overview.add_tools(tool)
-        for name in ("start", "end"):
-            window.on_change(name, lambda attr, old, new: self._dragged(window))
 
     def _dragged(self, window: Model) -> None:
         if not self._quiet:
@@ -106,7 +98,15 @@ class RecordTab:
                 "residual": scale * found.residual[chosen],
             }
             near = (found.instants >= begin - margin) & (found.instants <= end + margin)
-            sources.lines.data = _lines(found, near, scale)
+            inside = found.inside
+            # A contact alone has no voltage but a prescribed motion.
+            friction = np.isfinite(inside.friction).any() and not np.isfinite(inside.voltage).any()
+            sources.lines.data = {
+                "time": MILLISECONDS * found.instants[near],
+                "predicted": scale * found.between[near],
+                "voltage": np.asarray(MICROMETRES * inside.relative[near] if friction else inside.voltage[near]),
+                "platform": np.asarray(MICROMETRES * inside.platform[near]),
+            }
 
 
 class _Sources:
@@ -115,18 +115,6 @@ class _Sources:
     def __init__(self):
         self.samples = models.ColumnDataSource({"time": [], "measured": [], "residual": []})
         self.lines = models.ColumnDataSource({"time": [], "predicted": [], "voltage": [], "platform": []})
-
-
-def _lines(found: Redraw, near: Bool[np.ndarray, " k"], scale: float) -> dict[str, Float[np.ndarray, " near"]]:
-    inside = found.inside
-    friction = np.isfinite(inside.friction).any() and not np.isfinite(inside.voltage).any()
-    return {
-        "time": MILLISECONDS * found.instants[near],
-        "predicted": scale * found.between[near],
-        # A contact alone has no voltage but a prescribed motion.
-        "voltage": np.asarray(MICROMETRES * inside.relative[near] if friction else inside.voltage[near]),
-        "platform": np.asarray(MICROMETRES * inside.platform[near]),
-    }
 
 
 def _motion(sources: _Sources, x_range: Model, label: str, whole: bool) -> Model:
@@ -186,10 +174,6 @@ def keyboard_buttons(move: Callable[[float], None], widen: Callable[[float], Non
     )
 
 
-MILLIMETRES = 1e3
-"""Millimetres in a metre, for speeds."""
-
-
 class ContactTab:
     """Plots of the contact, or of the platform where the record has no contact."""
 
@@ -226,7 +210,7 @@ class ContactTab:
             place, speed = inside.platform, inside.platform_velocity
         data = {
             "displacement": MICROMETRES * place,
-            "velocity": MILLIMETRES * speed,
+            "velocity": 1e3 * speed,
             "force": inside.friction,
             "time": MILLISECONDS * found.instants,
         }
@@ -267,20 +251,15 @@ class ScoreTable:
 
     def show(self, scores: Mapping[str, Score], chosen: str, stale: bool) -> None:
         """Show the known `scores` by record; those of other records than the `chosen` one may be `stale`."""
-        head = "".join(
-            f"<th{_side(i)}>{text}</th>"
-            for i, text in enumerate(["record", "measures", "role", "chi-square / n", "rmse", "noise", "offset"])
-        )
+        heads = "record", "measures", "role", "chi-square / n", "rmse", "noise", "offset"
+        head = "".join(f"<th{_side(i)}>{text}</th>" for i, text in enumerate(heads))
         rows = "".join(self._row(r, scores.get(r.name), chosen, stale and r.name != chosen) for r in self._records)
         self.view.object = f"<table><tr>{head}</tr>{rows}</table>"
 
     def _row(self, record: Record, score: Score | None, chosen: str, stale: bool) -> str:
         name = html.escape(record.name)
-        cells = [
-            f'<span class="cut" title="{name}">{name}</span>',
-            record.measures,
-            "fitted" if record.role == "fit" else "validation",
-        ]
+        role = "fitted" if record.role == "fit" else "validation"
+        cells = [f'<span class="cut" title="{name}">{name}</span>', record.measures, role]
         poor = ""
         if score is None:
             cells += ["…", "", "", ""]

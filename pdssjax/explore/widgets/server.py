@@ -36,12 +36,6 @@ ADDRESS = "127.0.0.1"
 PATIENCE = 20.0
 """Longest wait [s] at the end for work that cannot be stopped, such as compiling."""
 
-_HTTP_PORT = 80
-"""Browsers leave this port out of the host that they name."""
-
-_LARGEST_BODY = 1 << 16
-"""Bytes of a request's body at most; the page sends none."""
-
 _SHARED_PATHS = "/static/", "/favicon.ico"
 """Beginnings of paths that need no secret: the code of Bokeh and Panel, which is the same everywhere."""
 
@@ -86,7 +80,8 @@ class Site(NamedTuple):
     @property
     def host(self) -> str:
         """The host that a browser names on this page."""
-        return ADDRESS if self.port == _HTTP_PORT else f"{ADDRESS}:{self.port}"
+        # Browsers leave this port out of the host that they name.
+        return ADDRESS if self.port == 80 else f"{ADDRESS}:{self.port}"
 
     @property
     def path(self) -> str:
@@ -120,7 +115,7 @@ def page_server(bench: Workbench, port: int) -> tuple[Server, Site]:
         address=ADDRESS,
         port=site.port,
         websocket_origin=[site.host],
-        http_server_kwargs={"max_body_size": _LARGEST_BODY},
+        http_server_kwargs={"max_body_size": 1 << 16},
         start=False,
         show=False,
         threaded=False,

@@ -51,7 +51,10 @@ class SweepTab:
         self.stop = pn.widgets.Button(label="Cancel", height=28, margin=(4, 4), disabled=True, css_classes=["stop-map"])
         self.stop.on_click(lambda event: cancel())
         self.said = pn.pane.HTML("", margin=(8, 8), css_classes=["map-said"])
-        self._selects = {name: _select(name) for name in ("metric", "across", "up")}
+        self._selects = {
+            name: pn.widgets.Select(label=name, options=[], width=200, margin=(0, 8), css_classes=[f"map-{name}"])
+            for name in ("metric", "across", "up")
+        }
         self._count = 0
         self._point = pn.widgets.IntInput(label="point", value=0, width=90, margin=(0, 8), css_classes=["map-point"])
         for select in self._selects.values():
@@ -94,12 +97,12 @@ class SweepTab:
             "voltage": motion.voltage,
         }
         assert self._map is not None
-        parts = [_value_text(self._map, path, numbers[path]) for path in self._map.axes]
-        point = self._number()
-        parts += [
-            f"{label.partition(' (')[0].partition(';')[0]}: {values[point]:.4g}{_unit(label)}"
-            for label, values in self._map.metrics.values()
-        ]
+        axes, point = self._map.axes.items(), self._number()
+        parts = [f"{path}: {numbers[path] * axis.scale:.4g} {axis.unit}".rstrip() for path, axis in axes]
+        for label, values in self._map.metrics.values():
+            # Of a label such as "speed (µm/s)".
+            unit = f" {label.rpartition('(')[2].rstrip(')')}" if label.endswith(")") else ""
+            parts.append(f"{label.partition(' (')[0].partition(';')[0]}: {values[point]:.4g}{unit}")
         self._summary.object = (
             f"<b>point {point}</b>: " + ", ".join(parts) + (f"; {motion.message}" if motion.message else "")
         )
@@ -145,20 +148,6 @@ class SweepTab:
         self._body.objects = [controls, plots, self._summary]
 
 
-def _select(name: str) -> Widget:
-    return pn.widgets.Select(label=name, options=[], width=200, margin=(0, 8), css_classes=[f"map-{name}"])
-
-
-def _unit(label: str) -> str:
-    """The unit at the end of a label such as "speed (µm/s)"."""
-    return f" {label.rpartition('(')[2].rstrip(')')}" if label.endswith(")") else ""
-
-
-def _value_text(found: SweepMap, path: str, number: float) -> str:
-    axis = found.axes[path]
-    return f"{path}: {number * axis.scale:.4g} {axis.unit}".rstrip()
-
-
 def _map_plot(
     found: SweepMap, shown: list[str], metric: str, points: np.ndarray, point: int, grid: bool
 ) -> tuple[Model, Model]:
@@ -185,7 +174,10 @@ def _map_plot(
             # Bokeh's own lie at equal distances over less than two decades: 50 and 100 alone from 5 to 80.
             axis.ticker, axis.formatter = ticks_along(np.concatenate(tile[:2])), models.BasicTickFormatter()
     source = models.ColumnDataSource(edges)
-    mapper = _mapper(values[points])
+    known = values[points][np.isfinite(values[points])]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    high = high if high > low else low + 1.0
+    mapper = models.LinearColorMapper(palette=list(Viridis256), low=low, high=high, nan_color="#dddddd")
     color = {"field": "value", "transform": mapper}
     still = {"nonselection_fill_alpha": 1.0, "selection_fill_alpha": 1.0}
     if flat or not grid:
@@ -208,14 +200,6 @@ def _map_plot(
             models.ColorBar(color_mapper=mapper, width=10, label_standoff=4, major_label_text_font_size="10px"), "right"
         )
     return source, plot
-
-
-def _mapper(values: np.ndarray) -> Model:
-    known = values[np.isfinite(values)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
-    return models.LinearColorMapper(
-        palette=list(Viridis256), low=low, high=high if high > low else low + 1.0, nan_color="#dddddd"
-    )
 
 
 def _motion_plot(source: Model) -> Model:

@@ -22,23 +22,10 @@ HEAD = 1 << 18
 
 _LINES = 400
 
-_WIDEST = 10_000
-"""Cells of a row at most."""
-
-_BESIDE = 30
-"""Lines beside which a preamble may stand (Tektronix)."""
-
 _KINDS = [(";", ","), (";", "."), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ","), (",", ",")]
 """Separators with decimal signs; of equals the first is taken, a comma's before all, as most files have it."""
 
-_MOMENT = re.compile(r"\d{4}-\d\d?-\d\d?([T ]\d\d:[\d:.]+)?|\d+:\d\d[\d:.]*")
-"""A date or the time of a clock."""
-
 _BRACKETS = re.compile(r"\s*(\([^)]*\)|\[[^\]]*\])")
-
-_IN_BRACKETS = re.compile(r"\([^()]*\)")
-
-_SCOPE_CLOCK = re.compile(r"(start|increment)\s*[=,;]\s*([-+\d.eE]+)", re.IGNORECASE)
 
 _UNITS_ALONE = set("s ms us µs μs ns v mv kv m mm um µm μm nm n mn a ma second seconds sec volt volts".split())
 """Name of a column whose header is only its unit."""
@@ -46,8 +33,6 @@ _UNITS_ALONE = set("s ms us µs μs ns v mv kv m mm um µm μm nm n mn a ma seco
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 
 _GROUPED = re.compile(r"([+-]?[1-9]\d{0,2})((?:,\d{3})+)(\.\d*)?")
-
-_SWAPPED = str.maketrans(",.", ".,")
 
 _CLOCKS = ("t", "time", "zeit", "temps")
 """Names of a clock."""
@@ -88,35 +73,27 @@ class Dialect(NamedTuple):
 
 
 def encoding_of(file: Path, head: bytes) -> str:
-    """The encoding of text that begins with `head`.
-
-    **Raises:** `InputError` where it is no text.
-    """
+    """The encoding of text that begins with `head`."""
     for mark, name in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
         if head.startswith(mark):
             return name
-    nulls = head[:4096].count(0), len(head[:4096])
-    if nulls[0] > 0.3 * nulls[1]:
+    if head[:4096].count(0) > 0.3 * len(head[:4096]):
         return "utf-16-le" if head[1:2] == b"\0" else "utf-16-be"
-    if re.search(rb"[\x00-\x08\x0e-\x1f]", head):
-        at = re.search(rb"[\x00-\x08\x0e-\x1f]", head)
+    if control := re.search(rb"[\x00-\x08\x0e-\x1f]", head):
         raise InputError(
-            f"{file}: found the byte {head[at.start()] if at else 0} at byte {at.start() if at else 0}, "
+            f"{file}: found the byte {head[control.start()]} at byte {control.start()}, "
             "expected text, or a file of a format that is known."
         )
     try:
-        # The last character may be cut.
-        head[: max(len(head) - 4, 0)].decode("utf-8") if len(head) >= HEAD else head.decode("utf-8")
+        head.decode("utf-8")
     except UnicodeDecodeError as error:
+        # The last character may be cut.
         return "utf-8" if len(head) >= HEAD and error.start > len(head) - 8 else "cp1252"
     return "utf-8"
 
 
 def dialect_of(file: Path, head: bytes, decimal: str) -> Dialect:
-    """The dialect of a table that begins with `head`; `decimal` where it is known.
-
-    **Raises:** `InputError` if there is no table of numbers.
-    """
+    """The dialect of a table that begins with `head`; `decimal` where it is known."""
     encoding = encoding_of(file, head)
     text = head.decode(encoding, errors="replace")
     # Only what ends a line in the file does so here.
@@ -125,7 +102,10 @@ def dialect_of(file: Path, head: bytes, decimal: str) -> Dialect:
         lines = lines[:-1] or lines  # the last one is cut
     if not any(line.strip() for line in lines):
         raise InputError(f"{file}: the file is empty, expected a header line and numbers.")
-    _check_widths(file, lines)
+    for number, line in enumerate(lines, start=1):
+        count = 1 + max(line.count(separator) for separator, _ in _KINDS)
+        if count > 10_000:
+            raise InputError(f"{file}: line {number}: found {count} cells, expected 10000 at most.")
     kinds = [kind for kind in _KINDS if decimal in ("", kind[1])]
     # Separators that do not occur are equal: under each of them a line is one cell.
     absent = [separator for separator, _ in kinds if not any(separator in line for line in lines)]
@@ -134,7 +114,11 @@ def dialect_of(file: Path, head: bytes, decimal: str) -> Dialect:
     scored = [(score(*by), -rank, kind) for rank, (by, kind) in enumerate(zip(asked, kinds, strict=True))]
     best, _, (separator, sign) = max(scored)
     if best <= 0:
-        raise InputError(f"{file}: {_without_numbers(lines)}.")
+        number, last = next((k, line) for k, line in reversed(list(enumerate(lines, start=1))) if line.strip())
+        if moment := re.search(r"\d{4}-\d\d?-\d\d?([T ]\d\d:[\d:.]+)?|\d+:\d\d[\d:.]*", last):
+            found = f'line {number}: found "{moment[0]}", a date or the time of a clock'
+            raise InputError(f"{file}: {found}, expected times in seconds.")
+        raise InputError(f"{file}: found a header but no samples below it, expected a row of numbers for each.")
     if (separator, sign) == (",", ".") and _is_one_column(lines):
         separator, sign = ";", ","
     return _table(lines, encoding, separator, sign)
@@ -150,7 +134,7 @@ def cells_of(line: str, separator: str, header: bool = False) -> list[str]:
         except csv.Error:  # a cell longer than the library takes
             return [cell.strip().strip('"') for cell in line.split(separator)]
     if header and "(" in line:
-        masked = _IN_BRACKETS.sub(lambda inside: inside[0].replace(separator, "\0"), line)
+        masked = re.sub(r"\([^()]*\)", lambda inside: inside[0].replace(separator, "\0"), line)
         return [part.strip().replace("\0", separator) for part in masked.split(separator)]
     return [part.strip() for part in line.split(separator)]
 
@@ -161,7 +145,7 @@ def plain_number(cell: str, decimal: str, sure: bool = False) -> str:
     **Arguments:** `decimal` is the decimal sign, of which the user is `sure`: then the other one divides thousands
     even where it stands once.
     """
-    text = cell.translate(_SWAPPED) if decimal == "," else cell
+    text = cell.translate(str.maketrans(",.", ".,")) if decimal == "," else cell
     grouped = _GROUPED.fullmatch(text) if "," in text else None
     if grouped is None:
         return text if _NUMBER.fullmatch(text) else ""
@@ -181,21 +165,6 @@ def with_points(text: str) -> str:
     return text.replace(".", "?").replace(",", ".")
 
 
-def _check_widths(file: Path, lines: Sequence[str]) -> None:
-    for number, line in enumerate(lines, start=1):
-        count = 1 + max(line.count(separator) for separator, _ in _KINDS)
-        if count > _WIDEST:
-            raise InputError(f"{file}: line {number}: found {count} cells, expected {_WIDEST} at most.")
-
-
-def _without_numbers(lines: Sequence[str]) -> str:
-    """What is wrong with lines that hold no row of numbers."""
-    number, last = next((k, line) for k, line in reversed(list(enumerate(lines, start=1))) if line.strip())
-    if moment := _MOMENT.search(last):
-        return f'line {number}: found "{moment[0]}", a date or the time of a clock, expected times in seconds'
-    return "found a header but no samples below it, expected a row of numbers for each"
-
-
 def _plain(lines: Sequence[str]) -> list[str]:
     return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
 
@@ -205,13 +174,13 @@ def _score(lines: Sequence[str], separator: str, decimal: str) -> float:
     if (separator, decimal) == (",", ",") and not any('"' in line for line in lines):
         return 0.0
     rows = [cells_of(line, separator) for line in _plain(lines)]
-    told = [(row, sum(is_number(cell, decimal) for cell in row)) for row in rows]
-    told = [(row, count) for row, count in told if count]
-    if not told:
+    counted = [(row, sum(is_number(cell, decimal) for cell in row)) for row in rows]
+    counted = [(row, count) for row, count in counted if count]
+    if not counted:
         return 0.0
-    width = Counter(len(row) for row, _ in told).most_common(1)[0][0]
-    usual = [row for row, _ in told if len(row) == width]
-    numbers = sum(count for row, count in told if len(row) == width)
+    width = Counter(len(row) for row, _ in counted).most_common(1)[0][0]
+    usual = [row for row, _ in counted if len(row) == width]
+    numbers = sum(count for row, count in counted if len(row) == width)
     words = sum(bool(cell) for row in usual for cell in row) - numbers
     # A decimal comma that no number has explains nothing that a point does not.
     needless = decimal == "," and not any("," in cell for row in usual for cell in row)
@@ -230,7 +199,8 @@ def _is_one_column(lines: Sequence[str]) -> bool:
 
 def _table(lines: Sequence[str], encoding: str, separator: str, decimal: str) -> Dialect:
     rows = [cells_of(line, separator) for line in lines]
-    sampled = [k for k, row in enumerate(rows) if _holds_numbers(lines[k], row, decimal)]
+    is_sample = lambda line, row: not line.lstrip().startswith("#") and any(is_number(cell, decimal) for cell in row)
+    sampled = [k for k, (line, row) in enumerate(zip(lines, rows, strict=True)) if is_sample(line, row)]
     width = Counter(len(rows[k]) for k in sampled).most_common(1)[0][0]
     usual = [k for k in sampled if len(rows[k]) == width]
     late = usual[len(usual) // 2 :]
@@ -239,7 +209,8 @@ def _table(lines: Sequence[str], encoding: str, separator: str, decimal: str) ->
     first = _first(rows, usual, numeric, decimal)
     names, units, above = _header(lines[:first], separator, width, decimal)
     clock = _scope_clock(rows[:first], " ".join(lines[:first]), decimal)
-    names, units = _from_preamble(lines[: max(first, _BESIDE)], separator, names, units, numeric, width)
+    # A preamble may also stand beside the first samples (Tektronix).
+    names, units = _from_preamble(lines[: max(first, 30)], separator, names, units, numeric, width)
     bare = [_BRACKETS.sub("", name).strip() for name in names]
     # Beside a clock that is called so "s" is a displacement, not the seconds of another clock.
     clocked = any(name.lower() in _CLOCKS for name in bare)
@@ -247,10 +218,6 @@ def _table(lines: Sequence[str], encoding: str, separator: str, decimal: str) ->
     symbols = clocked and bool(letters - _UNITS_ALONE - set(_CLOCKS))
     columns = tuple(_column(j, names[j] if names else "", units[j] if units else "", clocked, symbols) for j in numeric)
     return Dialect(encoding, separator, decimal, first, width, columns, bool(names), tuple(above), clock)
-
-
-def _holds_numbers(line: str, row: list[str], decimal: str) -> bool:
-    return not line.lstrip().startswith("#") and any(is_number(cell, decimal) for cell in row)
 
 
 def _first(rows: list[list[str]], usual: list[int], numeric: list[int], decimal: str) -> int:
@@ -262,9 +229,8 @@ def _first(rows: list[list[str]], usual: list[int], numeric: list[int], decimal:
         above, header = rows[first - 1], rows[first - 2] if first > 1 else []
         heads = len(header) == len(above) and not any(is_number(cell, decimal) for cell in header)
         counted = [is_number(above[j], decimal) for j in numeric]
-        if not counted[0] and not (heads and any(counted)):
-            break
-        if any(unit_named(cell) for cell in above if cell):
+        is_sample = counted[0] or (heads and any(counted))
+        if not is_sample or any(unit_named(cell) for cell in above if cell):
             break
         first -= 1
     return first
@@ -272,21 +238,17 @@ def _first(rows: list[list[str]], usual: list[int], numeric: list[int], decimal:
 
 def _header(above: Sequence[str], separator: str, width: int, decimal: str) -> tuple[list[str], list[str], list[str]]:
     """Names, units and the cells right above the samples."""
-    plain = [line for line in above if line.strip() and not line.lstrip().startswith("#")]
+    plain = _plain(above)
     remarks = [line.lstrip("# ") for line in above if line.lstrip().startswith("#")]
     split = lambda line: cells_of(line, separator, header=True)
     rows = [split(line) for line in plain[-2:]]
     units = len(rows) > 1 and _are_units(rows[-1], decimal)
     if rows and "increment" in [cell.lower() for cell in rows[0][width:]]:
         rows = [row[:width] for row in rows]  # beside them stand start and increment of the clock
-    fits = lambda row: (
-        len(_without_empty_end(row)) <= width
-        and len(_without_empty_end(row)) >= min(width, 2)
-        and len(row) >= width - 1
-    )
+    fits = lambda row: min(width, 2) <= len(_without_empty_end(row)) <= width <= len(row) + 1
     nearest = rows[-1] if rows else []
     if not rows or not fits(nearest):
-        rows = rows if rows else [split(line) for line in remarks[-2:]]
+        rows = rows or [split(line) for line in remarks[-2:]]
         if not rows or len(_without_empty_end(rows[-1])) != width:
             return [], [], nearest
     rows = [[*row, *[""] * width][:width] if fits(row) else [] for row in rows]
@@ -313,12 +275,13 @@ def _without_empty_end(row: list[str]) -> list[str]:
 
 def _scope_clock(above: Sequence[Sequence[str]], preamble: str, decimal: str) -> tuple[float, float] | None:
     """Start and interval [s] of the clock, where they stand below "Start" and "Increment" or beside them (Rigol)."""
-    told = [(key.lower(), value) for key, value in _SCOPE_CLOCK.findall(preamble)]
+    beside = re.findall(r"(start|increment)\s*[=,;]\s*([-+\d.eE]+)", preamble, re.IGNORECASE)
+    pairs = [(key.lower(), value) for key, value in beside]
     for names, below in pairwise(above):
         lowered = [name.lower() for name in names]
         if "increment" in lowered:
-            told += zip(lowered, below, strict=False)
-    numbers = {key: float(number) for key, value in told if (number := plain_number(value, decimal))}
+            pairs += zip(lowered, below, strict=False)
+    numbers = {key: float(number) for key, value in pairs if (number := plain_number(value, decimal))}
     return (numbers.get("start", 0.0), numbers["increment"]) if numbers.get("increment", 0.0) > 0 else None
 
 
@@ -326,13 +289,13 @@ def _from_preamble(
     above: Sequence[str], separator: str, names: list[str], units: list[str], numeric: list[int], width: int
 ) -> tuple[list[str], list[str]]:
     """Names and units, where an oscilloscope's preamble tells what no header does (Tektronix)."""
-    told = {row[0].lower(): row[1] for row in (cells_of(line, separator) for line in above) if len(row) > 1}
-    across, up = told.get("horizontal units", ""), told.get("vertical units", "")
+    fields = {row[0].lower(): row[1] for row in (cells_of(line, separator) for line in above) if len(row) > 1}
+    across, up = fields.get("horizontal units", ""), fields.get("vertical units", "")
     if len(numeric) < 2 or unit_named(across) == "":
         return names, units
     if not names:
         names = [""] * width
-        names[numeric[0]], names[numeric[1]] = "time", told.get("source", "") or "CH1"
+        names[numeric[0]], names[numeric[1]] = "time", fields.get("source", "") or "CH1"
     if not units:
         units = [up if unit_named(up) else ""] * width
         units[numeric[0]] = across

@@ -12,9 +12,8 @@ more likely than decimals: then nobody but the user can tell.
 import functools
 import re
 from collections.abc import Callable, Iterator, Sequence
-from itertools import islice
+from itertools import compress, islice
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -58,8 +57,10 @@ class DelimitedText(AbstractReader):
         ):
             done = sum(1 for _ in islice(stream, dialect.skipped))
             while lines := list(islice(stream, BLOCK)):
-                places, kept = _samples_of(lines, done)
+                places = np.arange(done + 1, done + len(lines) + 1)
                 done += len(lines)
+                holds = [not line.isspace() and not line.startswith("#") and line != "" for line in lines]
+                places, kept = places[holds], list(compress(lines, holds))
                 if first >= len(kept):
                     first -= len(kept)
                     continue
@@ -114,11 +115,11 @@ class DelimitedText(AbstractReader):
         found = grouped.first_ambiguous(places, values, lines, lambda line: cells_of(line, self.dialect.separator))
         if found is None:
             return
-        named = {channel.number: channel.name for channel in self.channels()}
-        name = named.get(found.position + 1, found.position + 1)
+        place, position, text = found
+        name = {channel.number: channel.name for channel in self.channels()}.get(position + 1, position + 1)
         sign, other = ("comma", ".") if self.dialect.decimal == "," else ("point", ",")
         raise InputError(
-            f'{self.file}: line {found.place}, column "{name}": found "{found.text}" in a column that has whole '
+            f'{self.file}: line {place}, column "{name}": found "{text}" in a column that has whole '
             f'numbers, and a {sign} before three digits only: it may divide thousands.  Expected decimal = "{other}" '
             f'in the record (or --decimal "{other}") if it does, decimal = "{self.dialect.decimal}" if it is the '
             "decimal sign."
@@ -138,24 +139,6 @@ class DelimitedText(AbstractReader):
                 )
 
 
-def _samples_of(lines: list[str], done: int) -> tuple[np.ndarray, list[str]]:
-    """The lines that hold samples, with their numbers; `done` lines stand above them."""
-    places = np.arange(done + 1, done + len(lines) + 1)
-    kept = [not line.isspace() and not line.startswith("#") and line != "" for line in lines]
-    if all(kept):
-        return places, lines
-    return places[kept], [line for line, keep in zip(lines, kept, strict=True) if keep]
-
-
-class _AmbiguousNumber(NamedTuple):
-    """A number that may be read in two ways."""
-
-    place: int
-    position: int
-    """Index of the column, from 0."""
-    text: str
-
-
 class _GroupedColumns:
     """Looks for columns in which thousands may be divided, a block at a time."""
 
@@ -166,7 +149,7 @@ class _GroupedColumns:
         # Columns of which no number has shown that its sign is a decimal one.
         self._open = set(self._positions)
         self._whole: set[int] = set()
-        self._first: dict[int, _AmbiguousNumber] = {}
+        self._first: dict[int, tuple[int, int, str]] = {}
 
     def first_ambiguous(
         self,
@@ -174,24 +157,23 @@ class _GroupedColumns:
         values: Float[np.ndarray, "samples columns"],
         lines: Sequence[str],
         cells: Callable[[str], Sequence[str]],
-    ) -> _AmbiguousNumber | None:
+    ) -> tuple[int, int, str] | None:
         """The first number that may be read in two ways, of a column that has nothing but such and whole numbers.
 
         **Arguments:** `values` are the columns as they were read, `lines` what they were read from, and `cells` gives
         those of a line.
+
+        **Returns:** its line, the index of its column from 0, and its text.
         """
-        for number, position in enumerate(self._positions):
-            if position in self._open and _shows_decimals(values[:, number]):
-                self._open.discard(position)
+        columns = dict(zip(self._positions, values.T, strict=False))
+        self._open -= {position for position, column in columns.items() if _shows_decimals(column)}
+        is_whole = lambda column: np.all(np.isnan(column) | (column == np.round(column)))
         # Whole numbers can only be groups where three zeros follow the sign.
         zeros = f"{self._decimal}000"
-        left = [p for k, p in enumerate(self._positions) if p in self._open and not _is_whole(values[:, k])]
-        if self._open and (left or any(zeros in line for line in lines)):
+        if not all(is_whole(columns[p]) for p in self._open) or (self._open and any(zeros in line for line in lines)):
             self._classify_cells(places, lines, cells)
-        elif self._open:
-            self._whole |= {
-                p for k, p in enumerate(self._positions) if p in self._open and np.any(np.isfinite(values[:, k]))
-            }
+        else:
+            self._whole |= {position for position in self._open if np.any(np.isfinite(columns[position]))}
         return next((self._first[p] for p in self._positions if p in self._open & self._whole & set(self._first)), None)
 
     def _classify_cells(
@@ -202,7 +184,7 @@ class _GroupedColumns:
             for position in list(self._open):
                 cell = row[position] if position < len(row) else ""
                 if self._group.fullmatch(cell):
-                    self._first.setdefault(position, _AmbiguousNumber(int(place), position, cell))
+                    self._first.setdefault(position, (int(place), position, cell))
                 elif self._decimal in cell or len(cell.lstrip("+-")) > 3:
                     self._open.discard(position)
                 elif cell.lstrip("+-").isdecimal():
@@ -218,7 +200,3 @@ def _shows_decimals(column: Float[np.ndarray, " samples"]) -> bool:
     return bool(
         np.any(size >= 1000.0) or np.any(broken < 1.0) or np.any(np.abs(1e3 * broken - np.round(1e3 * broken)) > 1e-6)
     )
-
-
-def _is_whole(column: Float[np.ndarray, " samples"]) -> bool:
-    return bool(np.all(np.isnan(column) | (column == np.round(column))))

@@ -8,12 +8,11 @@ unpacked; what is missing is NaN.  Complex numbers are two channels, "name.real"
 block by block.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from ...core import InputError
 from .base import BLOCK, AbstractReader, Block, Channel, library, refusing, same_length
@@ -22,17 +21,10 @@ INTERVALS = ("interval", "sample_interval", "dt", "wf_increment", "XInc")
 START = ("start", "t0", "wf_start_offset", "XOrg")
 RATES = ("sample_rate", "sampling_rate", "samplerate", "fs")
 
-_PACKING = ("scale_factor", "add_offset")
-
-_MISSING = ("_FillValue", "missing_value")
-
-_VALID = ("valid_range", "valid_min", "valid_max")
+_PACKING, _MISSING = ("scale_factor", "add_offset"), ("_FillValue", "missing_value")
 
 _UNREAD = ("_Unsigned", "YInc")
 """Attributes that change what whole numbers mean, in ways that are not read."""
-
-_MOST_PACKED = 2000
-"""Bytes that one stored byte may stand for; deflate, the usual filter, makes 1032 of one."""
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 
@@ -80,12 +72,11 @@ class Hdf5(AbstractReader):
             count = same_length(self.file, {_name(line): _length(opened, line) for line in chosen})
             for line in chosen:
                 _check_stored(self.file, opened[line.path])
-            packed = [_packing(self.file, opened[line.path], bool(line.field)) for line in chosen]
+            unpackers = [_unpacker(self.file, opened[line.path], bool(line.field)) for line in chosen]
             for begin in range(first, count, BLOCK):
                 end = min(begin + BLOCK, count)
-                parts = [p.unpacked(_part(opened, line, begin, end)) for line, p in zip(chosen, packed, strict=True)]
-                values = np.column_stack(parts)
-                yield Block(values, np.arange(begin + 1, end + 1))
+                parts = [unpack(_part(opened, of, begin, end)) for of, unpack in zip(chosen, unpackers, strict=True)]
+                yield Block(np.column_stack(parts), np.arange(begin + 1, end + 1))
 
 
 def _lines(opened: Any) -> list[_Line]:
@@ -126,29 +117,17 @@ def _name(line: _Line, several: bool = True) -> str:
     return f"{path}{place}{'.' if line.part else ''}{line.part}"
 
 
-class _Packing(NamedTuple):
-    """How stored numbers stand for values."""
-
-    scale: float
-    offset: float
-    missing: list[float]
-    """Stored numbers that stand for none."""
-    low: float
-    high: float
-    """Stored numbers beyond these stand for none."""
-
-    def unpacked(self, stored: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
-        valid = (stored >= self.low) & (stored <= self.high) & ~np.isin(stored, self.missing)
-        return np.where(valid, self.scale * stored + self.offset, np.nan)
-
-
-def _packing(file: Path, stored: Any, of_table: bool) -> _Packing:
-    """How the dataset `stored` is packed; **raises** `InputError` where its attributes do not tell it."""
+def _unpacker(file: Path, stored: Any, of_table: bool) -> Callable[[np.ndarray], np.ndarray]:
+    """What makes values of the numbers of the dataset `stored`, NaN of what is missing."""
     unread = _UNREAD if stored.dtype.kind in "iu" else ()
     said = {**{key: stored.parent.attrs[key] for key in unread if key in stored.parent.attrs}, **dict(stored.attrs)}
-    told = {key: said[key] for key in (*_PACKING, *_MISSING, *_VALID, *unread) if key in said}
+    attributes = {
+        key: said[key]
+        for key in (*_PACKING, *_MISSING, "valid_range", "valid_min", "valid_max", *unread)
+        if key in said
+    }
     numbers: dict[str, np.ndarray] = {}
-    for key, value in told.items():
+    for key, value in attributes.items():
         where = f'{file}: channel "{stored.name.lstrip("/")}": attribute "{key}"'
         if of_table or key in _UNREAD:
             of_what = "of a table" if of_table else repr(value)
@@ -161,14 +140,16 @@ def _packing(file: Path, stored: Any, of_table: bool) -> _Packing:
         is_marker = key not in _PACKING and stored.dtype.kind == "f"
         numbers[key] = (number.astype(stored.dtype) if is_marker else number).astype(float)
     first_of = lambda key, default: float(numbers[key][0]) if key in numbers else default
-    low, high = numbers.get("valid_range", np.array([-np.inf, np.inf]))
-    return _Packing(
-        first_of("scale_factor", 1.0),
-        first_of("add_offset", 0.0),
-        [float(number) for key in _MISSING if key in numbers for number in numbers[key]],
-        first_of("valid_min", float(low)),
-        first_of("valid_max", float(high)),
-    )
+    scale, offset = first_of("scale_factor", 1.0), first_of("add_offset", 0.0)
+    missing = np.concatenate([np.zeros(0), *(numbers[key] for key in _MISSING if key in numbers)])
+    low, high = numbers.get("valid_range", (-np.inf, np.inf))
+    low, high = first_of("valid_min", low), first_of("valid_max", high)
+
+    def unpack(raw: np.ndarray) -> np.ndarray:
+        valid = (raw >= low) & (raw <= high) & ~np.isin(raw, missing)
+        return np.where(valid, scale * raw + offset, np.nan)
+
+    return unpack
 
 
 def _check_stored(file: Path, stored: Any) -> None:
@@ -177,7 +158,7 @@ def _check_stored(file: Path, stored: Any) -> None:
     if stored.is_virtual or claimed <= 1 << 27:
         return
     held = stored.id.get_storage_size()
-    if claimed > _MOST_PACKED * held:
+    if claimed > 2000 * held:  # deflate, the usual filter, makes 1032 bytes of one
         raise InputError(
             f'{file}: channel "{stored.name.lstrip("/")}": found {stored.size:.3g} samples claimed by {held} bytes, '
             "expected a file that holds them."
@@ -186,10 +167,10 @@ def _check_stored(file: Path, stored: Any) -> None:
 
 def _channel(opened: Any, line: _Line, number: int) -> Channel:
     stored = opened[line.path]
-    told = {**dict(stored.parent.attrs), **dict(stored.attrs)}
-    said = lambda keys: next((float(np.ravel(told[key])[0]) for key in keys if key in told), None)
+    attributes = {**dict(stored.parent.attrs), **dict(stored.attrs)}
+    said = lambda keys: next((float(np.ravel(attributes[key])[0]) for key in keys if key in attributes), None)
     rate, interval = said(RATES), said(INTERVALS)
-    unit = next((told[key] for key in ("units", "unit", "Unit", "Units", "YUnits") if key in stored.attrs), "")
+    unit = next((attributes[key] for key in ("units", "unit", "Unit", "Units", "YUnits") if key in stored.attrs), "")
     several = line.across is not None and min(stored.shape) > 1
     return Channel(
         _name(line, several),

@@ -69,34 +69,27 @@ def _flat(name: str, value: Any, unit: str) -> list[_Array]:
         label, data = _text(value.get("Name", "")), value.get("Data")
         if label and isinstance(data, np.ndarray):
             return _flat(label, data, _text(value.get("Unit", "")))
-        if isinstance(value.get("X"), Mapping) and "Y" in value:
-            return _read_capture(name, value)
+        if isinstance(clock := value.get("X"), Mapping) and "Y" in value:
+            # A capture of dSPACE: X is the clock of the series in Y, also where it has no name.
+            if isinstance(clock.get("Data"), np.ndarray) and not _text(clock.get("Name", "")):
+                clock = {**clock, "Name": "time", "Unit": _text(clock.get("Unit", "")) or "s"}
+            parts = {**value, "X": clock}
+            return [array for key, inner in parts.items() for array in _flat(f"{name}.{key}", inner, "")]
         unit = _text(value.get("unit", value.get("units", value.get("Unit", ""))))
         return [array for key, inner in value.items() for array in _flat(f"{name}.{key}", inner, unit)]
     if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.dtype == object):
         items = enumerate(_distinct_series(list(np.ravel(np.asarray(value, dtype=object)))), start=1)
         return [array for number, inner in items for array in _flat(f"{name}[{number}]", inner, unit)]
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiuc" or value.ndim not in (1, 2):
-        return []
-    if max(value.shape, default=0) < 2:
+    is_numeric = isinstance(value, np.ndarray) and value.dtype.kind in "fiuc"
+    if not is_numeric or value.ndim not in (1, 2) or max(value.shape) < 2:
         return []
     if value.dtype.kind == "c":
         return [*_flat(f"{name}.real", value.real, unit), *_flat(f"{name}.imag", value.imag, unit)]
     if value.ndim == 1:
         return [_Array(name, unit, value.astype(float))]
     lines = value if value.shape[0] < value.shape[1] else value.T
-    several = len(lines) > 1
-    named = lambda k: f"{name}[{k}]" if several else name
-    return [_Array(named(k), unit, line.astype(float)) for k, line in enumerate(lines, start=1)]
-
-
-def _read_capture(name: str, value: Mapping[str, Any]) -> list[_Array]:
-    """The channels of a capture of dSPACE: X is the clock of the series in Y, also where it has no name."""
-    clock = value["X"]
-    if isinstance(clock.get("Data"), np.ndarray) and not _text(clock.get("Name", "")):
-        clock = {**clock, "Name": "time", "Unit": _text(clock.get("Unit", "")) or "s"}
-    parts = {**value, "X": clock}
-    return [array for key, inner in parts.items() for array in _flat(f"{name}.{key}", inner, "")]
+    names = [name] if len(lines) == 1 else [f"{name}[{k}]" for k in range(1, len(lines) + 1)]
+    return [_Array(own, unit, line.astype(float)) for own, line in zip(names, lines, strict=True)]
 
 
 def _distinct_series(items: Sequence[Any]) -> list[Any]:

@@ -18,11 +18,6 @@ from jaxtyping import Float
 from ...core import InputError
 from .base import AbstractReader, Block, Channel, blocks_of, library, refusing
 
-_ENDINGS = (".wfm", ".trc", ".isf", ".bin", ".wvf", ".wdf", ".hdr")
-
-_LECROY = b"WAVEDESC"
-"""How LeCroy's files begin, also those with a number for an ending; the answer of a query has some bytes before it."""
-
 Shown = list[tuple[Channel, Float[np.ndarray, " samples"]]]
 """Channels that were on, each with its samples."""
 
@@ -35,7 +30,9 @@ class Oscilloscope(AbstractReader):
 
     @classmethod
     def recognises(cls, file: Path, head: bytes) -> bool:
-        return file.suffix.lower() in _ENDINGS or _LECROY in head[:64]
+        # How LeCroy's files begin, whatever they end in; the answer of a query has some bytes before it.
+        is_lecroy = b"WAVEDESC" in head[:64]
+        return is_lecroy or file.suffix.lower() in (".wfm", ".trc", ".isf", ".bin", ".wvf", ".wdf", ".hdr")
 
     def channels(self) -> list[Channel]:
         return [channel for channel, _ in self._active_channels()]
@@ -73,11 +70,11 @@ def _quietly(read: Callable[[], Shown]) -> Shown:
 
 def _channels_of(read: Any) -> Shown:
     """The library's channels that were on, copied, so that nothing refers to the library's own."""
-    shown = [channel for channel in read if channel.enabled and channel.volts is not None and len(channel.volts) > 1]
-    return [(_channel(on, number), np.asarray(on.volts, float)) for number, on in enumerate(shown, start=1)]
-
-
-def _channel(shown: Any, number: int) -> Channel:
-    unit = str(getattr(shown.unit, "name", "v")).upper()
-    interval = float(shown.times[-1] - shown.times[0]) / (len(shown.times) - 1)
-    return Channel(shown.name.replace(" ", ""), number, unit, len(shown.volts), interval, float(shown.times[0]))
+    found: Shown = []
+    for shown in read:
+        if shown.enabled and shown.volts is not None and len(shown.volts) > 1:
+            name, unit = shown.name.replace(" ", ""), str(getattr(shown.unit, "name", "v")).upper()
+            interval = float(shown.times[-1] - shown.times[0]) / (len(shown.times) - 1)
+            channel = Channel(name, len(found) + 1, unit, len(shown.volts), interval, float(shown.times[0]))
+            found.append((channel, np.asarray(shown.volts, float)))
+    return found

@@ -33,9 +33,9 @@ class Tdms(AbstractReader):
             begins = [_begin(stored) for stored, _ in lines]
             earliest = min([begin for begin in begins if begin is not None], default=None)
             found = [_channel(line, number, earliest) for number, line in enumerate(lines, start=1)]
-            told = [channel for group in opened.groups() for channel in group.channels()]
+            every = [channel for group in opened.groups() for channel in group.channels()]
             if opened.file_status.incomplete_final_segment:
-                empty = [f'"{channel.group_name}/{channel.name}"' for channel in told if not len(channel)]
+                empty = [f'"{channel.group_name}/{channel.name}"' for channel in every if not len(channel)]
                 nothing = f", which is nothing of {', '.join(empty)}" if empty else ""
                 warnings.warn(
                     f"{self.file}: the file ends before its samples do, as where what wrote it was broken off; what "

@@ -14,22 +14,16 @@ from jaxtyping import Float
 
 from ...core import Quantity, quantities
 from ...metrics import scatter_floor
-from ...piezo.base import AbstractPiezo, DeterminableRange, Shown
+from ...piezo.base import AbstractPiezo, Shown
 from ...study import Record
 from ..solver.box_least_squares import nonnegative_least_squares
-from .record_features import as_displacements, sticking_parts, voltages_at
+from .record_features import as_displacements, sticking_parts
 
 _MOST = 3000
 """Largest number of samples used of a record."""
 
-_BEFORE = 500
-"""Moments between the drive's start and a record that begins later."""
-
 _RANGES = (0.08, 0.15, 0.25, 0.4, 0.55, 0.75, 1.0)
 """Thresholds tried, in parts of the voltage's swing."""
-
-_VALLEYS = 3
-"""Grid points from which the search goes on: with few elements one stands where another should."""
 
 _TIMES = 5
 """Number of time constants tried."""
@@ -43,9 +37,6 @@ _ROUNDS = 4
 _UNUSED = 1e-3
 """Where a weight begins that comes out as zero, in parts of the gain."""
 
-_HISTORY = ("initial_voltage", "initial_peak")
-"""Numbers of a stack that has not rested at 0 V, of which nothing is tried."""
-
 
 class _Loop(NamedTuple):
     """A record, or a part of it, with the voltage before."""
@@ -55,6 +46,24 @@ class _Loop(NamedTuple):
     measured: Float[np.ndarray, " m"]
     """Displacement at the last m of the times."""
     noise: float
+
+    @staticmethod
+    def of(record: Record, part: slice | None) -> "_Loop":
+        """A record, or a `part` of it with the voltage before."""
+        drive = record.drive
+        assert drive is not None
+        noise = record.noise or scatter_floor(record.measured) or float(np.std(record.measured)) or 1.0
+        if part is not None:
+            time = record.time[: part.stop]
+            return _Loop(time, drive.sampled_at(time), record.measured[part], noise)
+        stride = -(-record.time.size // _MOST)
+        time, measured = record.time[::stride], record.measured[::stride]
+        time, measured = time[time > 0.0], measured[time > 0.0]
+        first = float(time[0]) if time.size else 0.0
+        interval = float(np.median(np.diff(record.time))) * stride
+        before = np.linspace(0.0, first, 500, endpoint=False)[1:] if first > 2.0 * interval else np.zeros(0)
+        whole = np.concatenate([before, time])
+        return _Loop(whole, drive.sampled_at(whole), measured, noise)
 
 
 def loop_starts(
@@ -68,14 +77,15 @@ def loop_starts(
     **Arguments:** what the records have `shown`; the numbers `known`, which are held.
     """
     names = piezo.loop_numbers
-    if names is None or any(known.get(name) for name in _HISTORY):
+    # Of a stack that has not rested at 0 V nothing is tried.
+    if names is None or any(known.get(name) for name in ("initial_voltage", "initial_peak")):
         return {}
     driven = [record for record in as_displacements(records) if record.drive is not None and record.time.size >= 8]
     alone = [record for record in driven if record.measurement.platform_alone]
     if bool(alone) != bool(names):
         return {}  # a fit finds powers from nothing where the whole motion shows them, and parts show no loop
     parts = [(r, part) for r in alone or driven for part in ([None] if alone else sticking_parts(r))]
-    loops = [_loop(record, part) for record, part in parts]
+    loops = [_Loop.of(record, part) for record, part in parts]
     loops = [loop for loop in loops if np.ptp(loop.volts) > 0.0 and np.ptp(loop.measured) > 0.0]
     if not loops:
         return {}
@@ -83,7 +93,15 @@ def loop_starts(
     if not names:
         return trial.best_weights(())
     ranges = piezo.determinable_ranges(shown)
-    grid = [_grid(name, ranges.get(name), known, loops) for name in names]
+    swing = max(float(np.ptp(np.append(loop.volts, 0.0))) for loop in loops)
+    grid = []
+    for name in names:
+        if name in known:
+            grid.append([known[name]])
+        elif name in ranges:
+            grid.append([float(time) for time in np.geomspace(ranges[name].low, ranges[name].high, _TIMES)])
+        else:
+            grid.append([share * swing for share in _RANGES])
     by_first: dict[float, tuple[float, tuple[float, ...]]] = {}
     for point in itertools.product(*grid):
         left = trial.left(point)
@@ -91,42 +109,11 @@ def loop_starts(
             by_first[point[0]] = left, point
     free = [i for i, name in enumerate(names) if name not in known]
     ends = [ranges[name][:2] if name in ranges else (0.0, math.inf) for name in names]
-    promising = sorted(by_first.values())[:_VALLEYS]
+    # Several points of the grid: with few elements one stands where another should.
+    promising = sorted(by_first.values())[:3]
     _, best = min(_refined(trial, point, left, free, ends) for left, point in promising)
     found = trial.best_weights(best) | dict(zip(names, best, strict=True))
     return {name: number for name, number in found.items() if name not in known}
-
-
-def _loop(record: Record, part: slice | None = None) -> _Loop:
-    """A record, or a part of it with the voltage before."""
-    if part is not None:
-        volts = voltages_at(record, record.time[: part.stop])
-        return _Loop(record.time[: part.stop], volts, record.measured[part], _noise(record))
-    stride = -(-record.time.size // _MOST)
-    time, measured = record.time[::stride], record.measured[::stride]
-    kept = time > 0.0
-    time, measured = time[kept], measured[kept]
-    first = float(time[0]) if time.size else 0.0
-    interval = float(np.median(np.diff(record.time))) * stride
-    before = np.linspace(0.0, first, _BEFORE, endpoint=False)[1:] if first > 2.0 * interval else np.zeros(0)
-    whole = np.concatenate([before, time])
-    return _Loop(whole, voltages_at(record, whole), measured, _noise(record))
-
-
-def _noise(record: Record) -> float:
-    return record.noise or scatter_floor(record.measured) or float(np.std(record.measured)) or 1.0
-
-
-def _grid(
-    name: str, determinable: DeterminableRange | None, known: Mapping[str, float], loops: Sequence[_Loop]
-) -> tuple[float, ...]:
-    """The thresholds or times tried: those `known`, else over the range that the records tell."""
-    if name in known:
-        return (known[name],)
-    if determinable is not None:
-        return tuple(map(float, np.geomspace(determinable.low, determinable.high, _TIMES)))
-    swing = max(float(np.ptp(np.append(loop.volts, 0.0))) for loop in loops)
-    return tuple(share * swing for share in _RANGES)
 
 
 class _Trial(NamedTuple):

@@ -14,26 +14,19 @@ less than a lag does, w^2 -> infinity with 2 xi / w = tau, of any tau.
 import cmath
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Complex, Float
 
 from ...metrics import scatter_floor
 from ...study import Record, Samples, drive_with
+from ..covariance import scaled_least_squares
 from .step_peaks import half_period_to_frequency, overshoot_to_damping, rest_before
-
-_VISIBLE = 6.0
-"""Overshoot of a step, over its noise, from which it is taken for ringing."""
-
-_SOON = 0.5
-"""Part of a record of a step within which its peak must lie."""
 
 _JUMP = 0.1
 """Part of a voltage's swing by which it changes from one sample to the next where it jumps."""
-
-_BEFORE_JUMP, _AFTER_JUMP = 20, (200, 50)
-"""Samples around a jump in which ringing is looked for, the longer stretch first."""
 
 _MOST = 200_000
 """Moments at which a voltage is looked at."""
@@ -41,37 +34,24 @@ _MOST = 200_000
 _FINER = 4
 """Samples in the time in which a platform feels a change, so that corners are hardly missed."""
 
-_PERIODS = 3.0
-"""Number of periods used of a voltage that repeats."""
-
-_SLOW_SHARE = 0.7
-"""Part of the time that slow flanks take where there are any."""
-
 _LEAST_OF_FLANK, _MOST_FLANKS = 4, 12
 """How many samples the later half of a slow flank has at least, and how many such halves of a record are used."""
 
 
 def as_displacements(records: Sequence[Record]) -> list[Record]:
     """The records that tell a displacement, with that [m], up to a constant, in place of what was measured."""
-    return _converted(records, lambda record: record.measurement.displacement)
+    return _as_quantity(records, "displacement")
 
 
 def as_forces(records: Sequence[Record]) -> list[Record]:
     """The records that tell a force, with that [N], up to a constant, in place of what was measured."""
-    return _converted(records, lambda record: record.measurement.force)
+    return _as_quantity(records, "force")
 
 
-def _converted(
-    records: Sequence[Record], conversion: Callable[[Record], Callable[[Samples], Float[np.ndarray, " samples"] | None]]
-) -> list[Record]:
-    """The records that a `conversion` of theirs applies to, with its result in place of what was measured."""
-    out = []
-    for record in records:
-        volts = np.broadcast_to(voltages(record), record.time.shape)
-        values = conversion(record)(Samples(record.time, record.measured, volts, record.offset))
-        if values is not None:
-            out.append(dataclasses.replace(record, measured=values))
-    return out
+def _as_quantity(records: Sequence[Record], quantity: Literal["displacement", "force"]) -> list[Record]:
+    samples = [Samples(r.time, r.measured, voltages(r), r.offset) for r in records]
+    values = [getattr(r.measurement, quantity)(s) for r, s in zip(records, samples, strict=True)]
+    return [dataclasses.replace(r, measured=v) for r, v in zip(records, values, strict=True) if v is not None]
 
 
 def oscillator(driven: Sequence[Record], rings: bool) -> dict[str, float]:
@@ -83,9 +63,9 @@ def oscillator(driven: Sequence[Record], rings: bool) -> dict[str, float]:
     platforms = [record for record in moves if record.measurement.platform_alone]
     steps = [record for record in platforms if is_step(record)]
     if steps:
-        return _usual([_from_step(record) for record in _finest(steps)])
-    if rings and (ringing_ones := [found for record in _finest(platforms) if (found := _ringing(record))]):
-        return _usual(ringing_ones)
+        return _medians([_from_step(record) for record in _most_finely_sampled(steps)])
+    if rings and (ringing_ones := [found for record in _most_finely_sampled(platforms) if (found := _ringing(record))]):
+        return _medians(ringing_ones)
     flanks = [_flank_gain(r) for r in moves if r.drive is not None and r.drive.flanks() is not None]
     gains = flanks or [_range_gain(record) for record in platforms]
     gains = gains or [gain for record in moves for gain in _sticking_gains(record)]
@@ -93,30 +73,27 @@ def oscillator(driven: Sequence[Record], rings: bool) -> dict[str, float]:
     return {"gain": float(np.median(gains))} if gains else {}
 
 
-def _finest(records: Sequence[Record]) -> list[Record]:
+def _most_finely_sampled(records: Sequence[Record]) -> list[Record]:
     """The records sampled most finely: a slow record of creep does not show how the platform rings."""
     finest = min(map(interval_of, records), default=0.0)
     return [record for record in records if interval_of(record) < 2.0 * finest]
 
 
-def _usual(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """The median of each feature, by name, over the records that have it."""
+def _medians(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
     names = sorted({name for features in found for name in features})
     return {name: float(np.median([features[name] for features in found if name in features])) for name in names}
 
 
 def _ringing(record: Record) -> dict[str, float]:
     """Ringing of the platform by the whole record; where loops hide it, by what follows the voltage's largest jump."""
-    volts = np.broadcast_to(voltages(record), record.time.shape)
-    found = ringing(record.time, record.measured, volts)
-    steps = np.abs(np.diff(volts))
+    volts = voltages(record)
+    found, steps = ringing(record.time, record.measured, volts), np.abs(np.diff(volts))
     if found or not steps.size or not np.max(steps) > _JUMP * np.ptp(volts):
         return found
     begin = int(np.argmax(steps))
-    for length in _AFTER_JUMP:
-        after = slice(max(begin - _BEFORE_JUMP, 0), begin + length)
-        found = ringing(record.time[after], record.measured[after], volts[after])
-        if found:
+    for samples in (200, 50):
+        after = slice(max(begin - 20, 0), begin + samples)
+        if found := ringing(record.time[after], record.measured[after], volts[after]):
             # The gain is that of whole loops, not of one jump.
             return found | {"gain": _range_gain(record)}
     return {}
@@ -136,14 +113,8 @@ def _range_gain(record: Record) -> float:
 
 def _following_gain(record: Record) -> float:
     """How far an end-effector goes with the voltage [m/V], besides walking steadily; 0 where it does not."""
-    columns = [
-        np.ones(record.time.size),
-        record.time - record.time[0],
-        np.broadcast_to(voltages(record), record.time.shape),
-    ]
-    size = [np.max(np.abs(column)) or 1.0 for column in columns]
-    design = np.stack(columns, axis=1) / size
-    return float(np.linalg.lstsq(design, record.measured, rcond=None)[0][2] / size[2])
+    design = np.stack([np.ones(record.time.size), record.time - record.time[0], voltages(record)], axis=1)
+    return float(scaled_least_squares(design, record.measured)[2])
 
 
 def _from_step(record: Record) -> dict[str, float]:
@@ -159,8 +130,8 @@ def _from_step(record: Record) -> dict[str, float]:
     rise = (y[after] - zero) / ((end - zero) or 1e-12)
     peak = int(np.argmax(rise))
     delay = max(float(time[after][peak]), interval_of(record))
-    visible = rise[peak] - 1.0 > _VISIBLE * scatter_floor(record.measured) / (abs(end - zero) or 1e-12)
-    if not (visible and delay < _SOON * max(float(time[-1]), interval_of(record))):
+    visible = rise[peak] - 1.0 > 6.0 * scatter_floor(record.measured) / (abs(end - zero) or 1e-12)
+    if not (visible and delay < 0.5 * max(float(time[-1]), interval_of(record))):
         return found
     overshoot = float(np.clip(rise[peak] - 1.0, 1e-3, 0.98))
     damping = overshoot_to_damping(np.log(overshoot))
@@ -176,14 +147,11 @@ def _flank_gain(record: Record) -> float:
     Taken over a quarter of a period, so that noise and rounding matter little, and most of
     the spans hold no slip.
     """
-    frequency = frequency_of(record)
-    assert record.drive is not None and frequency is not None
+    flanks, frequency = record.drive and record.drive.flanks(), frequency_of(record)
+    assert flanks is not None and frequency is not None
     span = int(np.clip(0.25 / frequency / interval_of(record), 1, record.time.size - 1))
     rise = record.measured[span:] - record.measured[:-span]
-    slope = float(np.median(rise / (record.time[span:] - record.time[:-span])))
-    flanks = record.drive.flanks()
-    assert flanks is not None
-    return abs(slope) / abs(float(flanks.slope))
+    return abs(float(np.median(rise / (record.time[span:] - record.time[:-span])))) / abs(float(flanks.slope))
 
 
 def sticking_parts(record: Record) -> list[slice]:
@@ -191,11 +159,11 @@ def sticking_parts(record: Record) -> list[slice]:
 
     None where the voltage rises as fast as it falls.
     """
-    volts = np.broadcast_to(voltages(record), record.time.shape)[:_MOST_SAMPLES]
+    volts = voltages(record)[:_MOST_SAMPLES]
     turns = np.array(_turning_points(volts, 0.5 * float(np.ptp(volts))), int)
     lasts = np.diff(record.time[turns])
     slow = lasts > 0.5 * np.max(lasts, initial=0.0)
-    if not lasts[slow].sum() > _SLOW_SHARE * lasts.sum():
+    if not lasts[slow].sum() > 0.7 * lasts.sum():
         return []
     halves = [slice((begin + end + 1) // 2, end) for begin, end in zip(turns[:-1][slow], turns[1:][slow], strict=True)]
     return [half for half in halves if half.stop - half.start >= _LEAST_OF_FLANK][:_MOST_FLANKS]
@@ -219,7 +187,7 @@ def _turning_points(volts: Float[np.ndarray, " n"], swing: float) -> list[int]:
 
 def _sticking_gains(record: Record) -> list[float]:
     """How far an end-effector goes with the voltage [m/V] while it is likely to stick, by the parts of a record."""
-    volts = np.broadcast_to(voltages(record), record.time.shape)
+    volts = voltages(record)
     slopes = [float(np.polyfit(volts[part], record.measured[part], 1)[0]) for part in sticking_parts(record)]
     return [slope for slope in slopes if slope > 0.0]
 
@@ -251,7 +219,7 @@ def peak_bend(record: Record, rate: float, known: Mapping[str, float]) -> float:
         return 0.0
     drive = drive_with(record, known)
     frequency = frequency_of(record)
-    last = _PERIODS / frequency if frequency else float(record.time[-1])
+    last = 3.0 / frequency if frequency else float(record.time[-1])
     finer = rate * _FINER
     count = min(int(max(last, 0.0) * finer), _MOST) + 4 * _FINER
     times = (np.arange(count) - _FINER) / finer
@@ -267,34 +235,27 @@ def contact_scale(record: Record, moved: float | None) -> tuple[float, float, fl
     m moved like that of an actuator has 0.3 m rate^2 = k and 0.035 m a = F there.  The mass is that of the
     end-effector where one is `moved` [kg]: its contact is damped as suits its own ringing, however slow
     the loops are.  Without one the rate is k v/F, at which the contact follows the record's speed v.
+
+    Of a friction curve the speeds put the middle instead: a Stribeck velocity amid them is 0.017 a/rate
+    (`friction/_search_ranges.py`).
     """
-    assert record.motion is not None
-    force = 0.5 * float(np.subtract(*np.percentile(record.measured, [95.0, 5.0]))) or 1e-3
+    motion, measured = record.motion, record.measured
+    assert motion is not None
     if record.measurement.prescribed == "velocity":
-        return _curve_scale(record.motion, record.measured, moved)
-    steps, changes = np.diff(record.motion), np.diff(record.measured)
-    stroke = float(np.ptp(record.motion)) or 1e-6
+        mass = 1.0 if moved is None else moved
+        acceleration = (float(np.median(np.abs(measured))) or 1e-3) / (0.035 * mass)
+        speeds = np.abs(motion[motion != 0.0])
+        amid = float(np.exp(np.mean(np.log(speeds)))) if speeds.size else 1e-3
+        return mass, acceleration, 0.017 * acceleration / amid
+    force = 0.5 * float(np.subtract(*np.percentile(measured, [95.0, 5.0]))) or 1e-3
+    steps, changes = np.diff(motion), np.diff(measured)
+    stroke = float(np.ptp(motion)) or 1e-6
     moves = np.abs(steps) > 1e-4 * stroke
     slopes = (changes[moves] / steps[moves]) if moves.any() else np.zeros(1)
     stiffness = max(float(np.percentile(slopes, 90.0)), force / stroke)
     speed = float(np.median(np.abs(steps[moves] / np.diff(record.time)[moves]))) if moves.any() else stroke
     mass = stiffness / (0.3 * (stiffness * speed / force) ** 2) if moved is None else moved
     return mass, force / (0.035 * mass), float(np.sqrt(stiffness / (0.3 * mass)))
-
-
-def _curve_scale(
-    velocities: Float[np.ndarray, " n"], forces: Float[np.ndarray, " n"], moved: float | None
-) -> tuple[float, float, float]:
-    """Mass, acceleration and rate that stand for a friction curve, from its `forces` [N] and `velocities` [m/s].
-
-    A Stribeck velocity amid those velocities is 0.017 a/rate, the middle of its range (`friction/_search_ranges.py`).
-    """
-    mass = 1.0 if moved is None else moved
-    force = float(np.median(np.abs(forces))) or 1e-3
-    acceleration = force / (0.035 * mass)
-    speeds = np.abs(velocities[velocities != 0.0])
-    amid = float(np.exp(np.mean(np.log(speeds)))) if speeds.size else 1e-3
-    return mass, acceleration, 0.017 * acceleration / amid
 
 
 def frequency_of(record: Record) -> float | None:
@@ -318,31 +279,13 @@ def noise_of(record: Record) -> float:
     return scatter_floor(record.measured) if record.noise is None else record.noise
 
 
-def voltages_at(record: Record, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """The voltage of a record's drive at `time` [s], in V."""
-    assert record.drive is not None
-    return record.drive.sampled_at(time)
-
-
 def voltages(record: Record) -> Float[np.ndarray, " n"]:
-    """The voltage at the samples [V]; a single 0 where none is applied."""
-    return np.zeros(1) if record.drive is None else record.drive.sampled_at(record.time)
+    """The voltage at the samples [V]; 0 where none is applied."""
+    return np.zeros(record.time.size) if record.drive is None else record.drive.sampled_at(record.time)
 
-
-_RATIO = 1.03
-"""Ratio of one frequency tried to the one before."""
 
 _DAMPING = (0.02, 0.1, 0.4)
 """Damping ratios tried."""
-
-_LEAST_CYCLES = 3.0
-"""In the record, of the slowest that is tried."""
-
-_NYQUIST = 0.8
-"""Part of the Nyquist frequency up to which frequencies are tried."""
-
-_RINGS = 0.7
-"""Sum of squares of a mode that rings, in parts of what is left without, up to which the record shows it."""
 
 _MOST_SAMPLES = 20_000
 """Samples that are looked at."""
@@ -362,11 +305,12 @@ def ringing(
     even = time[0] + interval * np.arange(count)
     motion, volts = np.interp(even, time, motion), np.interp(even, time, volts)
     left = _MotionResidual(motion, volts, interval)
-    slowest = 2.0 * math.pi * _LEAST_CYCLES / (interval * count)
-    fastest = _NYQUIST * math.pi / interval
+    # Three cycles in the record, and 0.8 of the Nyquist frequency.
+    slowest = 2.0 * math.pi * 3.0 / (interval * count)
+    fastest = 0.8 * math.pi / interval
     if count < 16 or slowest >= fastest or np.ptp(volts) == 0.0:
         return {}
-    rates = np.geomspace(slowest, fastest, 2 + int(math.log(fastest / slowest) / math.log(_RATIO)))
+    rates = np.geomspace(slowest, fastest, 2 + int(math.log(fastest / slowest) / math.log(1.03)))
     without = min(left.of(volts)[0], *(left.by_lag(rate)[0] for rate in rates))
     _, rate, damping = min((left.by_mode(rate, damping)[0], rate, damping) for rate in rates for damping in _DAMPING)
     refined = minimize(
@@ -374,7 +318,7 @@ def ringing(
     )
     rate, damping = (float(number) for number in np.exp(refined.x))
     least, gain = left.by_mode(rate, damping)
-    if not (least < _RINGS * without and gain > 0.0 and slowest <= rate <= fastest):
+    if not (least < 0.7 * without and gain > 0.0 and slowest <= rate <= fastest):
         return {}
     return {"gain": gain, "natural_frequency": rate, "damping_ratio": damping}
 

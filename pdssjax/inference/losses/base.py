@@ -16,9 +16,6 @@ from jaxtyping import Array, Bool, Float
 
 from ...core import Scalar
 
-_NORMAL_MEDIAN = 1.4826
-"""Standard deviation of normal noise, over the median of its absolute values."""
-
 _ROUNDS = 30
 """Rounds of reweighting; each leaves a twentieth of the error."""
 
@@ -58,7 +55,8 @@ class AbstractLoss(eqx.Module):
         By the median of absolute residuals, which glitches hardly move; `freedom`, the number of residuals less what
         the fit took of them, is for losses that sum.
         """
-        return _NORMAL_MEDIAN * float(np.median(np.abs(self.original(jnp.asarray(roots)))))
+        # The standard deviation of normal noise is 1.4826 times the median of its absolute values.
+        return 1.4826 * float(np.median(np.abs(self.original(jnp.asarray(roots)))))
 
     def log_volume(self) -> float:
         """Logarithm of the integral of exp(-rho(r) / 2) over all r: what makes a loss a likelihood."""
@@ -90,18 +88,11 @@ class AbstractLoss(eqx.Module):
         z = lax.stop_gradient(lax.fori_loop(0, _ROUNDS, reweighted, middle))
         curvature = jnp.where(counts, lax.stop_gradient(self.curvature((inside - z) * weight)), 0.0)
         total = jnp.sum(curvature)
+        pull = self.influence((inside - z) * weight) / jnp.where(weight > 0.0, weight, 1.0)
+        value = lax.stop_gradient(jnp.where(weight > 0.0, pull, inside - z))
         # To first order in a change of `difference`; of zero value but for what reweighting has left.
-        steps = jnp.where(counts, self._with_slope(difference, z, weight, curvature), 0.0)
+        steps = jnp.where(counts, value + curvature * (difference - inside), 0.0)
         return z + jnp.sum(steps) / jnp.where(total > 0.0, total, 1.0)
-
-    def _with_slope(
-        self, difference: Float[Array, " n"], z: Scalar, weight: Float[Array, "*n"], curvature: Float[Array, " n"]
-    ) -> Float[Array, " n"]:
-        """influence / weight in value, `curvature` in derivative."""
-        safe = jnp.where(weight > 0.0, weight, 1.0)
-        still = lax.stop_gradient(difference)
-        value = jnp.where(weight > 0.0, self.influence((still - z) * weight) / safe, still - z)
-        return lax.stop_gradient(value) + curvature * (difference - still)
 
 
 def counted(difference: Float[Array, " n"], weight: Float[Array, "*n"]) -> Bool[Array, " n"]:

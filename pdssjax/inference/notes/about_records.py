@@ -13,6 +13,7 @@ from ..beyond_noise import (
     could_be_noise,
     exceeds_floor,
     exceeds_given_noise,
+    freedom_of,
     largest_by_chance,
     leaves_unresolved,
     neighbour_correlation,
@@ -52,12 +53,24 @@ def about_outliers(records: Sequence[FittedRecord], enlarged: str, is_robust: bo
 
     **Arguments:** what the note says of how errors are `enlarged`; whether the loss is robust.
     """
-    found = [record for record in records if record.outliers.size]
+    found = []
+    for record in records:
+        if count := record.outliers.size:
+            off = np.abs(record.measured - record.predicted)[record.outliers]
+            times = listed(f"{t:.6g}" for t in record.time[record.outliers][np.argsort(-off)][:3])
+            largest = "the largest " if count > 3 else ""
+            far = record.display.text(float(off.max()))
+            found.append(f"{count} in {quoted([record])} by up to {far}, {largest}at t = {times} s")
     if not found:
         return []
-    note = f"Samples stand out of the residuals: {listed(map(_outliers, found))}. "
-    if alone := [record for record in found if outliers_explain(record)]:
-        figures = listed(_rest(record) for record in alone)
+    note = f"Samples stand out of the residuals: {listed(found)}. "
+    if alone := [record for record in records if outliers_explain(record)]:
+        figures = listed(
+            f"{above_floor(r):.2g} times the noise between neighbouring samples in {quoted([r])}"
+            if r.noise_estimated
+            else f"chi-square per sample {r.rest_chi2:.3g}, with them {r.reduced_chi2:.3g}, in {quoted([r])}"
+            for r in alone
+        )
         note += f"They are most likely glitches: without them all is down to the noise ({figures}). "
         note += f"{enlarged} " if any(record.role == "fit" and not record.noise_estimated for record in alone) else ""
     else:
@@ -65,22 +78,6 @@ def about_outliers(records: Sequence[FittedRecord], enlarged: str, is_robust: bo
     if is_robust:
         return [f"{note}Under this loss they pull little; exclude in the study leaves them out."]
     return [f"{note}Leave them out (exclude in the study) or fit with --loss huber, under which they pull little."]
-
-
-def _rest(record: FittedRecord) -> str:
-    if record.noise_estimated:
-        return f"{above_floor(record):.2g} times the noise between neighbouring samples in {quoted([record])}"
-    return f"chi-square per sample {record.rest_chi2:.3g}, with them {record.reduced_chi2:.3g}, in {quoted([record])}"
-
-
-def _outliers(record: FittedRecord) -> str:
-    off = np.abs(record.measured - record.predicted)[record.outliers]
-    times = listed(f"{t:.6g}" for t in record.time[record.outliers][np.argsort(-off)][:3])
-    count = record.outliers.size
-    return (
-        f"{count} in {quoted([record])} by up to {record.display.text(float(off.max()))}, "
-        f"{'the largest ' if count > 3 else ''}at t = {times} s"
-    )
 
 
 _LINEAR = 100.0
@@ -115,12 +112,6 @@ CORRELATED = 0.3
 
 _NOISE = 0.9
 """Share of the residuals that neighbours must scatter for all of them to be noise."""
-
-_OF_TIMING = 0.5
-"""Share of what is left in slips that their delay explains, from which it is worth a note."""
-
-_NO_WALK = 0.01
-"""Net step over stroke below which a motion is no walk."""
 
 
 def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
@@ -168,7 +159,9 @@ def about_records(
             f"{_enlarged(factor, is_robust)}"
         )
     if misfits := [record for record in excess if record not in noisy]:
-        figures = (f'"{r.name}" ({r.rest_chi2:.3g}; by chance up to {largest_by_chance(r):.3g})' for r in misfits)
+        figures = (
+            f'"{r.name}" ({r.rest_chi2:.3g}; by chance up to {largest_by_chance(freedom_of(r)):.3g})' for r in misfits
+        )
         notes.append(
             f"The model does not explain all of {listed(figures)}: chi-square per sample against the noise given is "
             f"in brackets. {_enlarged(factor, is_robust)} Look at the residuals in the plots for what is missing: "
@@ -188,47 +181,31 @@ def about_records(
             f"The residuals are smaller than the noise given in {listed(figures)}: the standard errors are larger "
             "than they need be. Give the noise as it is, or leave it out."
         )
-    return (
-        notes
-        + _about_held(fitted)
-        + _about_counts(fitted)
-        + _about_repeating(fitted)
-        + _about_slips([r for r in fitted if any(r is other for other in (*misfits, *over)) or repeats(r)])
-        + _about_missed(missed)
-        + _about_correlation(fitted)
-        + _about_walking(fitted)
-        + _about_failures(records)
-    )
-
-
-def _about_held(fitted: Sequence[FittedRecord]) -> list[str]:
-    return [f"Found in {quoted([record])} {held}." for record in fitted if (held := describe_hold(record.measured))]
-
-
-def _about_counts(fitted: Sequence[FittedRecord]) -> list[str]:
-    """Records whose sensor counts in steps that hide their noise."""
-    counted = [record for record in fitted if record.samples >= 8 and counts_without_noise(record.measured)]
-    if not counted:
-        return []
-    figures = listed(f"of {r.display.text(resolution_of(r.measured) or 0.0)} in {quoted([r])}" for r in counted)
-    return [
-        f"The sensor counts in steps, {figures}, and no noise is seen between them: what is left is rounding, which "
-        "follows the motion and does not average out as noise does. The true errors may be larger than the white "
-        "standard errors."
-    ]
-
-
-def _about_repeating(fitted: Sequence[FittedRecord]) -> list[str]:
-    found = [(record, record.lack_of_fit) for record in fitted if record.lack_of_fit and repeats(record)]
-    if not found:
-        return []
-    figures = (
-        f"{r.display.text(f.misfit)} beside noise of {r.display.text(f.noise)} in {quoted([r])}" for r, f in found
-    )
-    return [
-        f"A part of the residuals repeats every cycle, {listed(figures)}: that is the model's misfit and not noise, "
-        "and more cycles do not average it away. The true errors are larger than the white standard errors."
-    ]
+    notes += [f"Found in {quoted([record])} {held}." for record in fitted if (held := describe_hold(record.measured))]
+    if counted := [record for record in fitted if record.samples >= 8 and counts_without_noise(record.measured)]:
+        figures = listed(f"of {r.display.text(resolution_of(r.measured) or 0.0)} in {quoted([r])}" for r in counted)
+        notes.append(
+            f"The sensor counts in steps, {figures}, and no noise is seen between them: what is left is rounding, "
+            "which follows the motion and does not average out as noise does. The true errors may be larger than the "
+            "white standard errors."
+        )
+    if repeating := [(record, record.lack_of_fit) for record in fitted if record.lack_of_fit and repeats(record)]:
+        figures = listed(
+            f"{r.display.text(f.misfit)} beside noise of {r.display.text(f.noise)} in {quoted([r])}"
+            for r, f in repeating
+        )
+        notes.append(
+            f"A part of the residuals repeats every cycle, {figures}: that is the model's misfit and not noise, and "
+            "more cycles do not average it away. The true errors are larger than the white standard errors."
+        )
+    notes += _about_slips([r for r in fitted if any(r is other for other in (*misfits, *over)) or repeats(r)])
+    notes += _about_missed(missed) + _about_correlation(fitted) + _about_walking(fitted)
+    if failed := [record for record in records if not record.simulated]:
+        notes.append(
+            f"The simulation could not finish for {quoted(failed)}. Look at parameters that are extreme, such as a "
+            "very high bandwidth or stiffness."
+        )
+    return notes
 
 
 def _about_slips(unexplained: Sequence[FittedRecord]) -> list[str]:
@@ -237,7 +214,7 @@ def _about_slips(unexplained: Sequence[FittedRecord]) -> list[str]:
     for record in unexplained:
         walks = record.measures == "effector" and record.frequency is not None
         found = slip_delay(record.time, record.predicted, record.rest) if walks else None
-        if found is None or abs(found.delay) < SIGNIFICANT * found.standard_error or found.explains < _OF_TIMING:
+        if found is None or abs(found.delay) < SIGNIFICANT * found.standard_error or found.explains < 0.5:
             continue
         when = "later" if found.delay > 0 else "earlier"
         figures.append(
@@ -304,7 +281,7 @@ def _about_walking(fitted: Sequence[FittedRecord]) -> list[str]:
     steps = []
     for record in moving:
         drift = drift_per_cycle(record.time, record.measured, record.frequency or 0.0)
-        if drift is None or abs(drift.net) > max(_NO_WALK * drift.stroke, 3.0 * drift.standard_error):
+        if drift is None or abs(drift.net) > max(0.01 * drift.stroke, 3.0 * drift.standard_error):
             return []
         text = record.display.text
         steps.append(f"{text(drift.net)} +/- {text(drift.standard_error)} a cycle in {quoted([record])}")
@@ -312,16 +289,6 @@ def _about_walking(fitted: Sequence[FittedRecord]) -> list[str]:
         f"No record that was fitted walks: the end-effector comes back ({listed(steps)}). Either it never slips, and "
         "then nothing tells at which force it would, or every slip takes back the whole stroke. Add a record of "
         "a higher voltage or with a steeper fast flank."
-    ]
-
-
-def _about_failures(records: Sequence[FittedRecord]) -> list[str]:
-    failed = [record for record in records if not record.simulated]
-    if not failed:
-        return []
-    return [
-        f"The simulation could not finish for {quoted(failed)}. Look at parameters that are extreme, such as a very "
-        "high bandwidth or stiffness."
     ]
 
 

@@ -10,13 +10,11 @@ from ...piezo.base import DeterminableRange
 from ...study import (
     REACH,
     SHOWN,
-    Constraint,
     Estimate,
     FittedParameter,
     Models,
     Parameter,
     Record,
-    Resonance,
     Study,
     depends_on,
     hidden_from,
@@ -36,11 +34,10 @@ UNDAMPED = 0.005
 
 def about_models(models: Models, values: Mapping[str, float]) -> list[str]:
     """Conditions that tie parameters together, and are broken by what was found."""
-    broken = models.actuator(values).piezo.broken_conditions()
     return [
         f"The parameters found break a condition of the model: {text}. Set min and max so that it holds, or fix "
         "one of them, and fit again."
-        for text in broken
+        for text in models.actuator(values).piezo.broken_conditions()
     ]
 
 
@@ -53,7 +50,20 @@ def about_resonances(
         if not involved or not any(mode.acts_on(record.measurement) for record in records):
             continue
         if aliased := hidden_from(mode, records):
-            notes.append(_alias(mode, involved, aliased))
+            rates = [1.0 / float(np.percentile(np.diff(record.time), 10.0)) for record in aliased]
+            names = listed(f'"{record.name}" ({rate:.4g} Hz)' for record, rate in zip(aliased, rates, strict=True))
+            highest_rate, enough = max(rates), float(f"{mode.frequency / SHOWN:.2g}")
+            image = abs(mode.frequency - round(mode.frequency / highest_rate) * highest_rate)
+            note = (
+                f"The {mode.what} is found to ring at {mode.frequency:.4g} Hz (damping ratio {mode.damping_ratio:.2g}),"
+                f" above the {SHOWN * highest_rate:.4g} Hz that samples at {highest_rate:.4g} Hz show; no record that "
+                f"it acts on is sampled more finely: {names}. It may be an alias, since its samples are like those of "
+                f"{image:.4g} Hz. Do not trust {listed(involved)} before a record sampled at {enough:g} Hz or more has "
+                f"confirmed {'them' if len(involved) > 1 else 'it'}."
+            )
+            if mode.what == "platform":
+                note += " A stage this slow needs no resonance: fix it, or choose static dynamics."
+            notes.append(note)
         if 0.0 < mode.damping_ratio < UNDAMPED:
             notes.append(
                 f"The {mode.what} is found to ring at {mode.frequency:.4g} Hz with a damping ratio of "
@@ -62,25 +72,6 @@ def about_resonances(
                 "optimum."
             )
     return list(dict.fromkeys(notes))
-
-
-def _alias(mode: Resonance, involved: Sequence[str], records: Sequence[Record]) -> str:
-    rates = [1.0 / float(np.percentile(np.diff(record.time), 10.0)) for record in records]
-    names = listed(f'"{record.name}" ({rate:.4g} Hz)' for record, rate in zip(records, rates, strict=True))
-    highest_rate, enough = max(rates), float(f"{mode.frequency / SHOWN:.2g}")
-    image = abs(mode.frequency - round(mode.frequency / highest_rate) * highest_rate)
-    return (
-        f"The {mode.what} is found to ring at {mode.frequency:.4g} Hz (damping ratio {mode.damping_ratio:.2g}), above "
-        f"the {SHOWN * highest_rate:.4g} Hz that samples at {highest_rate:.4g} Hz show; no record that it acts on is "
-        f"sampled more finely: {names}. It may be an alias, since its samples are like those of {image:.4g} Hz. Do not "
-        f"trust {listed(involved)} before a record sampled at {enough:g} Hz or more has confirmed "
-        f"{'them' if len(involved) > 1 else 'it'}."
-        + (
-            " A stage this slow needs no resonance: fix it, or choose static dynamics."
-            if mode.what == "platform"
-            else ""
-        )
-    )
 
 
 FAR = 10.0
@@ -111,7 +102,15 @@ def about_information(
         part = [(path, share) for path, share in zip(paths, direction, strict=True) if share != 0]
         names = listed(path for path, _ in part)
         if len(part) == 1:
-            notes.append(_without_information(parameters[names]))
+            parameter = parameters[names]
+            note = f"The data say nothing about {names}; its value is where the fit began."
+            if moved(parameter):
+                begun, ended = (shown(number, parameter.unit) for number in (_start(parameter), parameter.value))
+                note = (
+                    f"The data say nothing about {names} at the values found; on the way there it moved from {begun} "
+                    f"to {ended}, which means nothing."
+                )
+            notes.append(f"{note} Fix it, or add a record that shows it.")
         elif all(abs(share - 1.0) < 1e-3 for _, share in part):
             notes.append(
                 f"The data tell {names} only up to a common factor: all of them may be multiplied by the same "
@@ -125,17 +124,6 @@ def about_information(
     return notes
 
 
-def _without_information(parameter: FittedParameter) -> str:
-    head = f"The data say nothing about {parameter.path}"
-    advice = "Fix it, or add a record that shows it."
-    if not moved(parameter):
-        return f"{head}; its value is where the fit began. {advice}"
-    begun, ended = (shown(number, parameter.unit) for number in (_start(parameter), parameter.value))
-    return (
-        f"{head} at the values found; on the way there it moved from {begun} to {ended}, which means nothing. {advice}"
-    )
-
-
 def moved(parameter: FittedParameter) -> bool:
     """Whether a free parameter is not where it began."""
     return not np.isclose(parameter.value, _start(parameter), rtol=1e-6, atol=0.0)
@@ -145,16 +133,6 @@ def _start(parameter: FittedParameter) -> float:
     return parameter.value if parameter.start is None else parameter.start
 
 
-def about_weak_determination(paths: Sequence[str]) -> list[str]:
-    """Parameters whose errors are wider than a factor of ten."""
-    if not paths:
-        return []
-    return [
-        f"The data hardly tell {listed(paths)}: one standard error is a factor of ten or more. Fix what is known "
-        "otherwise, or add a record that shows it."
-    ]
-
-
 def about_sines(mixed: Inseparable | None) -> list[str]:
     """Parameters that records of steady sines do not tell apart."""
     if mixed is None:
@@ -162,9 +140,10 @@ def about_sines(mixed: Inseparable | None) -> list[str]:
     records, names = listed(f'"{name}"' for name in mixed.records), listed([*mixed.paths, *mixed.beside])
     at = listed(f"{frequency:.4g} Hz" for frequency in mixed.frequencies)
     errors = "it has no error" if len(mixed.paths) == 1 else "they have no errors"
+    known, unknown = 2 * len(mixed.frequencies), len(mixed.paths) + len(mixed.beside)
     return [
-        f"The records cannot tell {names} apart: a steady sine tells a gain and a phase, {mixed.known_numbers} numbers "
-        f"of {records} (at {at}), where these are {mixed.unknown_numbers}. What the fit has of {listed(mixed.paths)} "
+        f"The records cannot tell {names} apart: a steady sine tells a gain and a phase, {known} numbers "
+        f"of {records} (at {at}), where these are {unknown}. What the fit has of {listed(mixed.paths)} "
         f"rests on the shape of the loops alone, as the law of the stack has it, and {errors}. Hold what is known "
         "otherwise (value in the study), or add a step or a sine of another frequency."
     ]
@@ -181,45 +160,42 @@ def about_bounds(
 
     **Arguments:** the `ranges` in which records determine some of them, where these bound the fit.
     """
+    links = {link.child: link for link in scale.ties.links} if scale.ties is not None else {}
     notes = []
     for side, ends in (("lower", found <= scale.low), ("upper", found >= scale.high)):
-        at = [int(i) for i in np.flatnonzero(ends)]
-        reached = [i for i in at if scale.paths[i] not in ranges]
-        links = scale.ties.links if scale.ties is not None else ()
-        tied = {scale.paths.index(link.child): link for link in links if link.is_upper == (side == "upper")}
-        notes += [_at_constraint(tied[i].constraint, side) for i in at if i in tied]
-        at, reached = [i for i in at if i not in tied], [i for i in reached if i not in tied]
-        unreachable = [i for i in reached if _out_of_reach(declared[scale.paths[i]], scale, i, side)]
+        constraints, unreachable, others = [], [], []
+        for i, path in [(int(i), scale.paths[i]) for i in np.flatnonzero(ends)]:
+            p, link = declared[path], links.get(path)
+            given, legal, end = (
+                (p.low, p.quantity.low, scale.low) if side == "lower" else (p.high, p.quantity.high, scale.high)
+            )
+            if link is not None and link.is_upper == (side == "upper"):
+                constraints.append(link.constraint)
+            # At the end of a fit's reach: neither the study's bound, nor that of the records or the legal range.
+            elif (
+                path not in ranges
+                and given is None
+                and scale.logarithmic[i]
+                and not np.isclose(np.exp(end[i]), legal, rtol=1e-5)
+            ):
+                unreachable.append(path)
+            else:
+                others.append(path)
+        notes += [
+            f"{constraint.lesser if side == 'upper' else constraint.greater} is at the constraint {constraint.text} "
+            f'("{constraint.name}" in [constraints]), and held there for the errors of the others. Leave the '
+            "constraint out, unless there is a reason for it: the best fit lies beyond."
+            for constraint in constraints
+        ]
         if unreachable:
-            names, it = listed(scale.paths[i] for i in unreachable), "it" if len(unreachable) == 1 else "them"
+            names, it = listed(unreachable), "it" if len(unreachable) == 1 else "them"
             what = "zero" if side == "lower" else "one without limit"
             notes.append(
                 f"The data cannot tell {names} from {what}: the fit stopped a factor of {REACH:g} from the start, and "
                 f"holds {it} there for the errors of the others. Fix {it}, or add a record that shows {it}."
             )
-        others = [scale.paths[i] for i in at if i not in unreachable]
         notes += [_at_bound(declared[path], parameters[path].value, side, ranges.get(path)) for path in others]
     return notes
-
-
-def _out_of_reach(declared: Parameter, scale: ParameterTransform, i: int, side: str) -> bool:
-    """Whether the end is that of a fit's reach: neither the study's nor that of the legal range."""
-    given, legal, ends = (
-        (declared.low, declared.quantity.low, scale.low)
-        if side == "lower"
-        else (declared.high, declared.quantity.high, scale.high)
-    )
-    if given is not None or not scale.logarithmic[i]:
-        return False
-    return not np.isclose(np.exp(ends[i]), legal, rtol=1e-5)
-
-
-def _at_constraint(constraint: Constraint, side: str) -> str:
-    path = constraint.lesser if side == "upper" else constraint.greater
-    return (
-        f'{path} is at the constraint {constraint.text} ("{constraint.name}" in [constraints]), and held there for the '
-        "errors of the others. Leave the constraint out, unless there is a reason for it: the best fit lies beyond."
-    )
 
 
 def _at_bound(declared: Parameter, value: float, side: str, determinable: DeterminableRange | None) -> str:
@@ -242,21 +218,18 @@ def _at_bound(declared: Parameter, value: float, side: str, determinable: Determ
 
 def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransform) -> list[str]:
     """Parameters that ended far from where they began, but for those measured apart, which have a pull."""
-    notes = []
-    for parameter in parameters:
-        if parameter.measured_apart is not None:
-            continue
-        i, begun = scale.paths.index(parameter.path), _start(parameter)
+    parts = []
+    for p in parameters:
+        i, begun = scale.paths.index(p.path), _start(p)
         if scale.logarithmic[i]:
-            ratio = parameter.value / begun
-            if not 1.0 / FAR <= ratio <= FAR:
-                how = f"a factor of {max(ratio, 1.0 / ratio):.3g}"
-                notes.append((parameter, how))
-        elif abs(parameter.value - begun) > FAR * scale.unit[i]:
-            notes.append((parameter, f"{abs(parameter.value - begun) / scale.unit[i]:.3g} times the size of its start"))
-    if not notes:
+            distance, what = max(p.value / begun, begun / p.value), "a factor of {:.3g}"
+        else:
+            distance, what = abs(p.value - begun) / scale.unit[i], "{:.3g} times the size of its start"
+        if p.measured_apart is None and distance > FAR:
+            ends = f"from {shown(begun, p.unit)} to {shown(p.value, p.unit)}"
+            parts.append(f"{p.path}, {ends}, by {what.format(distance)}")
+    if not parts:
         return []
-    parts = [f"{p.path}, from {shown(_start(p), p.unit)} to {shown(p.value, p.unit)}, by {how}" for p, how in notes]
     return [
         f"Far from where the fit began: {'; '.join(parts)}. If that is not what is known of the rig, another optimum "
         "may be the true one: give a start near what is known, or min and max, and fit again."
@@ -308,6 +281,10 @@ def notes_of(
     transform, parameters = problem.residual.transform, estimate.parameters
     unknown = {path for v in null for path, share in zip(transform.paths, v, strict=True) if share}
     unsure = [path for path, is_weak in zip(transform.paths, weakly_determined, strict=True) if is_weak]
+    weak = [
+        f"The data hardly tell {listed(unsure)}: one standard error is a factor of ten or more. Fix what is known "
+        "otherwise, or add a record that shows it."
+    ]
     inseparable = mixed.paths if mixed is not None else ()
     silent = {*unknown, *unsure, *inseparable, *(path for path in transform.paths if parameters[path].at_bound)}
     values = {path: parameter.value for path, parameter in parameters.items()}
@@ -319,7 +296,7 @@ def notes_of(
     return (
         *about_starts(study.parameters, parameters),
         *about_information(null, transform.paths, parameters),
-        *about_weak_determination(unsure),
+        *(weak if unsure else ()),
         *about_sines(mixed),
         *about_bounds(study.bounded_parameters, fit.free, transform, parameters, determinable_ranges(study)),
         *about_distance([parameters[path] for path in transform.paths if path not in silent], transform),

@@ -28,7 +28,7 @@ from ..evidence import Evidence
 from ..initial_values.search import guess_starts, scatter_ranges
 from ..least_squares import MAX_ITERATIONS, Fit, FitMethod, Progress, by_record, evaluated, quiet, summed
 from ..losses.base import AbstractLoss
-from ..problem import Problem, pose, unwatched
+from ..problem import Problem, pose
 from ..solver.lm_state import Ending
 from ..stack_parameters import platform_alone_records
 from ..variable_projection import is_separable
@@ -87,7 +87,7 @@ class BestPoint:
             same_noise = np.array_equal(problem.noise, best.problem.noise)
             if covers < best.covers or (same_noise and fit.chi2 >= best.fit.chi2):
                 return
-        self.point = Point(fit, problem._replace(watch=unwatched), self._starts, covers)
+        self.point = Point(fit, problem._replace(watch=None), self._starts, covers)
 
 
 def completed(point: Point, report: Progress) -> Fit:
@@ -96,13 +96,6 @@ def completed(point: Point, report: Progress) -> Fit:
         return point.fit
     whole = evaluated(point.problem, point.fit.free, report)
     return point.fit._replace(state=whole.state, evaluations=point.fit.evaluations + whole.evaluations)
-
-
-_MUCH = 2e9
-"""Bytes that every evaluation may take without a warning."""
-
-_A_STEP = 200.0
-"""Bytes by step, component and direction: 2.6 GB of 240 000 steps of 6 components in 9 directions were seen."""
 
 
 def warn_of_memory_use(problem: Problem, starts: Values) -> None:
@@ -121,8 +114,9 @@ def warn_of_memory_use(problem: Problem, starts: Values) -> None:
         segments, last = setup.segments(record.drive, record.time), float(record.time[-1])
         steps = with_room(residual.accuracy, setup, models, segments, last).max_steps
         directions = 1 + len(residual.transform.paths)
-        size = _A_STEP * steps * len(jax.tree.leaves(system.initial())) * directions
-        if size > _MUCH:
+        # Bytes by step, component and direction: 240 000 steps of 6 components in 9 directions took 2.6 GB.
+        size = 200.0 * steps * len(jax.tree.leaves(system.initial())) * directions
+        if size > 2e9:
             warnings.warn(
                 f'record "{record.name}": integrating its {last:.3g} s (up to {steps} steps) with derivatives takes '
                 f"about {1e-9 * size:.1f} GB of memory, more than the 2 GB from which this warns. Shorten the record "
@@ -136,38 +130,24 @@ def warn_of_memory_use(problem: Problem, starts: Values) -> None:
 _FEWEST, _MOST = 2, 10
 """Times that the noise is found and fitted with; a first guess from a few samples may be far too large."""
 
-_SETTLED = 0.02
-"""Relative change of the noise that is none."""
-
 
 def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> tuple[Fit, Problem]:
     """Estimate the noise of the records that do not give it, and fit again with that."""
     unknown = [record.noise is None for record in problem.records]
+    sizes = np.array([record.time.size for record in problem.records])
     for number in range(_MOST):
         if not any(unknown) or not np.isfinite(fit.chi2) or (number and fit.ending == Ending.RUNNING):
             break  # one that has no end yet is weighed once, not fitted for as long again each time
-        noise = np.where(unknown, _noise_left(problem, fit), problem.noise)
-        if number >= _FEWEST and np.allclose(noise, problem.noise, rtol=_SETTLED, atol=0.0):
+        freedom = sizes - Evidence(problem, fit).degrees_taken
+        parts = zip(by_record(problem, fit), freedom, strict=True)
+        scatter = np.array([problem.residual.loss.scatter(part, float(left)) for part, left in parts])
+        noise = np.where(unknown, problem.noise * scatter, problem.noise)
+        if number >= _FEWEST and np.allclose(noise, problem.noise, rtol=0.02, atol=0.0):
             break
         report("weighing the records by the noise found")
         problem = problem._replace(noise=noise)
         fit = summed(run(problem, problem.decode(fit.free), report), [fit])
     return fit, problem
-
-
-def _noise_left(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
-    """Standard deviation of each record's residuals, in its unit."""
-    sizes = np.array([record.time.size for record in problem.records])
-    scatter, parts = problem.residual.loss.scatter, by_record(problem, fit)
-    pairs = zip(parts, sizes - Evidence(problem, fit).degrees_taken, strict=True)
-    return problem.noise * np.array([scatter(*pair) for pair in pairs])  # pyright: ignore[reportReturnType]
-
-
-_FIRST = 12
-"""Iterations after which a fit from a start that was searched for must look promising."""
-
-_PROMISING = 2.0
-"""Reduced chi-square below which such a fit is promising."""
 
 
 class Budget:
@@ -191,11 +171,6 @@ class Budget:
             return fit
 
         return limited
-
-    @property
-    def word(self) -> str:
-        """The note where runs were refused."""
-        return f"; after {self.spent} evaluations no other start was fitted{self.effort.advice}"
 
 
 def best_fit(
@@ -224,7 +199,9 @@ def best_fit(
     contest = Contest(study, problem, [], unobserved, tried, report, excused, effort)
     if missing:
         contest.found = ranked(study.parameters, starts, contest)
-        fit = _first(problem, contest.found[0], tried, report)
+        fit = tried(problem, contest.found[0], report, 12)  # it goes on only where that looks promising
+        if not fit.success and Evidence(problem, fit).reduced_chi2 < 2.0:
+            fit = summed(tried(problem, problem.decode(fit.free), report), [fit])
         starts = shown(contest.found[0], starts, contest)
     else:
         fit = tried(problem, starts, report)
@@ -240,17 +217,9 @@ def best_fit(
         fit = summed(run(problem, problem.decode(fit.free), report), [fit])
     fit, problem = with_noise(fit, problem, run, report)
     if budget.refused:
-        fit = fit._replace(message=fit.message + budget.word)
+        refused = f"; after {budget.spent} evaluations no other start was fitted{effort.advice}"
+        fit = fit._replace(message=fit.message + refused)
     return contest.evidence(fit) if problem is contest.problem else Evidence(problem, fit, study), starts
-
-
-def _first(problem: Problem, starts: dict[str, float], run: FitMethod, report: Progress) -> Fit:
-    """The fit from the most promising start, broken off where it leads nowhere."""
-    first = run(problem, starts, report, _FIRST)
-    if first.success or not Evidence(problem, first).reduced_chi2 < _PROMISING:
-        return first
-    fit = run(problem, problem.decode(first.free), report)
-    return summed(fit, [first])
 
 
 APART = 1.0
@@ -287,7 +256,7 @@ def best_of_starts(
     everyone = [(fit, starts), *((found[number], others[number]) for number in range(count))]
     total = sum(ended.evaluations for ended, _ in everyone)
     best, begun = min(everyone, key=lambda ended: ended[0].chi2 if ended[0].success else np.inf)
-    if fit.success and (not best.chi2 < fit.chi2 or _same(best, fit, problem)):
+    if fit.success and (not best.chi2 < fit.chi2 or _is_same_optimum(best, fit, problem)):
         best, begun = fit, starts
     return best._replace(evaluations=total), begun, _table(problem, everyone, ranges)
 
@@ -318,14 +287,14 @@ def optima(fits: list[Fit], problem: Problem) -> list[int]:
     """For each of the `fits`, the lowest chi-square first, the number of its optimum; -1 where it did not converge."""
     representatives, numbers = list[Fit](), list[int]()
     for fit in fits:
-        equal = [k for k, other in enumerate(representatives) if fit.success and _same(fit, other, problem)]
+        equal = [k for k, other in enumerate(representatives) if fit.success and _is_same_optimum(fit, other, problem)]
         numbers.append(equal[0] if equal else len(representatives) if fit.success else -1)
         if fit.success and not equal:
             representatives.append(fit)
     return numbers
 
 
-def _same(fit: Fit, other: Fit, problem: Problem) -> bool:
+def _is_same_optimum(fit: Fit, other: Fit, problem: Problem) -> bool:
     """Whether neither chi-square nor the linear model tells the ends of two fits apart."""
     factor = max(1.0, Evidence(problem, other).reduced_chi2)
     step: Float[np.ndarray, " p"] = np.asarray(fit.free) - np.asarray(other.free)

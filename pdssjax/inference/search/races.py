@@ -66,22 +66,10 @@ def successive_halving(
     return fit._replace(evaluations=total), starts
 
 
-_DISCONTINUOUS = 2.2
-"""Evaluations per iteration above which the residual counts as discontinuous; smooth: 1, after a rejection: 2."""
-
 _DISCONTINUOUS_ENDINGS = (*STOPPED, Ending.DISCONTINUITY, Ending.SMALL_JUMP, Ending.KINK)
 
 MOST_RESTARTS = 4
 """Perturbed restarts in a row that may fail to lower chi-square."""
-
-_LOWER = 0.01
-"""Decrease of chi-square that makes a result another one."""
-
-_PERTURBATION = 2.0
-"""Size of the first perturbation in standard errors; each that fails is followed by one twice as large."""
-
-_SCATTER = 0.01
-"""Smallest perturbation that is as large for every parameter, on the fit's scale."""
 
 _LARGEST_PERTURBATION = 0.3
 """Largest change of one parameter by a perturbation, on the fit's scale."""
@@ -102,8 +90,9 @@ def restarts(
 ) -> Fit:
     """`fit`, or a better one from points perturbed more and more, as long as that is `needed`.
 
-    The first `MOST_RESTARTS` are perturbed along what the records hardly show, further ones as much in every
-    parameter.  There are none around where nothing can be simulated.
+    The first `MOST_RESTARTS` are perturbed along what the records hardly show, by two standard errors and then twice as
+    much after each that fails, further ones as much in every parameter.  There are none around where nothing can be
+    simulated.
 
     **Returns:** the best, once so many in a row as `most` found no better one, with the evaluations of all.
     """
@@ -113,14 +102,14 @@ def restarts(
         factor, isotropic = 2.0 ** (in_vain % MOST_RESTARTS), in_vain >= MOST_RESTARTS
         isotropic |= bool(problem.residual.transform.at_bound(fit.free).all())
         if isotropic:  # so that parameters at bounds leave them
-            step = _SCATTER * factor * random.normal(size=fit.free.size)
+            step = 0.01 * factor * random.normal(size=fit.free.size)
         else:
             step = _step_of_errors(fit, problem, factor, random)
         step = step / max(1.0, np.max(np.abs(step)) / _LARGEST_PERTURBATION)
         rival = run(problem, problem.decode(np.clip(fit.free + step, *problem.bounds)), quiet)
         spent += rival.evaluations
         in_vain = 0 if rival.chi2 < fit.chi2 - 1.0 else in_vain + 1
-        if rival.chi2 < fit.chi2 - _LOWER:
+        if rival.chi2 < fit.chi2 - 0.01:
             taken, spent = taken + fit.iterations, spent - rival.evaluations + fit.evaluations
             fit = rival
     return fit._replace(iterations=fit.iterations + taken, evaluations=fit.evaluations + spent)
@@ -130,7 +119,8 @@ def _is_discontinuous(fit: Fit) -> bool:
     """Whether many steps were rejected on the way, or the last ones: chi-square is not what its gradient predicts."""
     # Of its last run alone: the evaluations of a fit are also those of all that it was compared with.
     last = fit.state
-    return fit.ending in _DISCONTINUOUS_ENDINGS or int(last.evaluations) - 5 > _DISCONTINUOUS * int(last.iterations)
+    # Evaluations per iteration are 1 where the residual is smooth, 2 after a rejection.
+    return fit.ending in _DISCONTINUOUS_ENDINGS or int(last.evaluations) - 5 > 2.2 * int(last.iterations)
 
 
 def _step_of_errors(fit: Fit, problem: Problem, factor: float, random: np.random.Generator) -> np.ndarray:
@@ -138,7 +128,7 @@ def _step_of_errors(fit: Fit, problem: Problem, factor: float, random: np.random
     moves = ~problem.residual.transform.at_bound(fit.free)
     _, singular, rows = np.linalg.svd(np.where(moves, np.asarray(fit.state.jacobian), 0.0), full_matrices=False)
     errors = 1.0 / np.maximum(singular, 1e-9 * singular[0])
-    sizes = np.minimum(_PERTURBATION * factor * errors, _LARGEST_PERTURBATION)
+    sizes = np.minimum(2.0 * factor * errors, _LARGEST_PERTURBATION)
     return (rows.T @ (sizes * random.normal(size=singular.size))) * moves
 
 
@@ -246,7 +236,7 @@ def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> t
     rounds = [(effort.some(admitted), limit) for admitted, limit in rounds]
     if announced:
         report(announced)
-    others = _scattered(fit, starts, contest) if scattered else _searched(starts, contest)
+    others = _scattered(fit, starts, contest) if scattered else _other_starts(starts, contest)
     if scattered and not others:
         return fit, starts
     good = lambda fit: until_good and fit.success and not contest.is_poor(fit)
@@ -272,7 +262,7 @@ def shown(begun: dict[str, float], earlier: dict[str, float], contest: Contest) 
     return begun | {path: number for path, number in earlier.items() if shown_by_platform(path, contest.problem)}
 
 
-def _searched(starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
+def _other_starts(starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
     """Further starts from a search; where the study gives all starts, those found without them.
 
     What the platform shows and what was measured apart is known better, and keeps its starts.
@@ -293,7 +283,7 @@ def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dic
     """
     study, problem = contest.study, contest.problem
     platform = platform_alone_records(problem.records).any()
-    known = lambda path: path in problem.residual.priors or (platform and shown_by_platform(path, problem))
+    known = lambda path: path in problem.residual.prior.paths or (platform and shown_by_platform(path, problem))
     held = [path for path in problem.residual.transform.paths if known(path)]
     around = starts | {path: float(number) for path, number in problem.decode(fit.free).items() if path in held}
     loss = problem.residual.loss

@@ -21,20 +21,8 @@ from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar, Truth
 
-_MULTIPLIER = 1e-12
-"""Size of a multiplier, relative to the residual, from which it counts; columns have unit norm."""
-
-_LEAST_DAMPING = 1e-16
-"""Only leaves out directions without information, see `covariance.NO_INFORMATION`."""
-
 _NEAR = 0.1
 """How well a radius is kept to."""
-
-_DAMPINGS = 20
-"""Dampings tried at most."""
-
-_PASSES = 4
-"""Passes allowed for each unknown; each pass stops or releases one."""
 
 
 class BoxSolution(NamedTuple):
@@ -81,13 +69,14 @@ def solve_in_ball_and_box(
 ) -> BoxSolution:
     """Solve as `solve_in_box` does, with enough damping to keep ||x|| to within a tenth of `radius`."""
     steepest = jnp.linalg.norm(upper.T @ projected)
-    least = _LEAST_DAMPING * jnp.ones(())
+    # Only leaves out directions without information, see `covariance.NO_INFORMATION`.
+    least = 1e-16 * jnp.ones(())
 
     def go_on(carry: Search) -> Truth:
         damping, _, _, found, count = carry
         norm = jnp.linalg.norm(found.x)
         enough = (norm <= radius * (1.0 + _NEAR)) & ((norm >= radius * (1.0 - _NEAR)) | (damping <= least))
-        return ~enough & (count < _DAMPINGS)
+        return ~enough & (count < 20)
 
     def try_another(carry: Search) -> Search:
         damping, low_end, high_end, found, count = carry
@@ -130,15 +119,28 @@ def solve_in_box(
         done=jnp.array(False),
         passes=jnp.zeros((), int),
     )
-    tolerance = _MULTIPLIER * jnp.linalg.norm(projected)
+    # The size of a multiplier, relative to the residual, from which it counts; columns have unit norm.
+    tolerance = 1e-12 * jnp.linalg.norm(projected)
 
     def go_on(state: _Pass) -> Truth:
-        return ~state.done & (state.passes < _PASSES * projected.size + 4)
+        # Each pass stops or releases one unknown.
+        return ~state.done & (state.passes < 4 * projected.size + 4)
 
     def one_pass(state: _Pass) -> _Pass:
         inside = ~(state.at_low | state.at_high)
-        aim, factor = _solved_inside(upper, projected, damping, state.x, inside)
-        share, blocked_low, blocked_high = _as_far_as_bounds_let(state.x, aim, low, high, inside)
+        # The minimum over the unknowns inside, the others staying where they are.
+        weight, fixed = jnp.where(inside, 1.0, 0.0), jnp.where(inside, 0.0, state.x)
+        rows = jnp.concatenate([upper * weight, jnp.diag(jnp.where(inside, jnp.sqrt(damping), 1.0))])
+        basis, factor = jnp.linalg.qr(rows)
+        found = -solve_triangular(factor, basis[: projected.size].T @ (projected + upper @ fixed))
+        aim = jnp.where(inside & jnp.isfinite(found), found, state.x)
+        # As large a share of the way there as stays between the bounds, and the unknowns that stop at one.
+        way, below, above = aim - state.x, inside & (aim < low), inside & (aim > high)
+        safe = jnp.where(way == 0.0, 1.0, way)
+        shares = jnp.where(below, (low - state.x) / safe, jnp.where(above, (high - state.x) / safe, 1.0))
+        shares = jnp.clip(shares, 0.0, 1.0)
+        share = jnp.min(shares)
+        blocked_low, blocked_high = below & (shares <= share), above & (shares <= share)
         x = jnp.where(inside, state.x + share * (aim - state.x), state.x)
         x = jnp.where(blocked_low, low, jnp.where(blocked_high, high, x))
         slope = upper.T @ (upper @ x + projected) + damping * x
@@ -155,41 +157,6 @@ def solve_in_box(
 
     end = lax.while_loop(go_on, one_pass, begin)
     return BoxSolution(end.x, end.at_low, end.at_high, end.factor)
-
-
-def _solved_inside(
-    upper: Float[Array, "p p"],
-    projected: Float[Array, " p"],
-    damping: Scalar,
-    x: Float[Array, " p"],
-    inside: Bool[Array, " p"],
-) -> tuple[Float[Array, " p"], Float[Array, "p p"]]:
-    """The minimum over the unknowns inside, the others staying where they are, and its triangular factor."""
-    weight = jnp.where(inside, 1.0, 0.0)
-    fixed = jnp.where(inside, 0.0, x)
-    rows = jnp.concatenate([upper * weight, jnp.diag(jnp.where(inside, jnp.sqrt(damping), 1.0))])
-    factor, triangular = jnp.linalg.qr(rows)
-    right = factor[: projected.size].T @ (projected + upper @ fixed)
-    found = -solve_triangular(triangular, right)
-    return jnp.where(inside & jnp.isfinite(found), found, x), triangular
-
-
-def _as_far_as_bounds_let(
-    x: Float[Array, " p"],
-    aim: Float[Array, " p"],
-    low: Float[Array, " p"],
-    high: Float[Array, " p"],
-    inside: Bool[Array, " p"],
-) -> tuple[Scalar, Bool[Array, " p"], Bool[Array, " p"]]:
-    """The share of the way to `aim` that stays between the bounds, and which unknowns stop there at a bound."""
-    way = aim - x
-    below, above = inside & (aim < low), inside & (aim > high)
-    safe = jnp.where(way == 0.0, 1.0, way)
-    shares = jnp.where(below, (low - x) / safe, jnp.where(above, (high - x) / safe, 1.0))
-    shares = jnp.clip(shares, 0.0, 1.0)
-    share = jnp.min(jnp.where(below | above, shares, 1.0))
-    stops = shares <= share
-    return jnp.where(jnp.any(below | above), share, 1.0) * jnp.ones(()), below & stops, above & stops
 
 
 def nonnegative_least_squares(

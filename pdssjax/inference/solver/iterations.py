@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...core import Tree, kept_jit
-from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judged, ResidualFunction, linearised
+from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judgement, ResidualFunction, linearised
 from .lm_state import Ending, LMState
 from .trust_region import Bounds, Trial, first_point, second_point, trial_point
 
@@ -59,15 +59,15 @@ class Run(NamedTuple):
 def iterate(run: Run, point: Point, state: LMState) -> tuple[Point, LMState, bool]:
     """One iteration: point and state after it, and whether it was the last."""
     solver, evaluations, bounds = run
-    trial, first, last = _begun(solver, point, bounds, state)
+    trial, first, last = _plan_trial(solver, point, bounds, state)
     step, found = trial.proposal.step, state.residual
     if trial.bending or trial.checking:
         found = evaluations.values(first)[0]
-        step, last = _gone_on(point, bounds, state, trial, found)  # pyright: ignore[reportArgumentType]
-    judged = _judged(solver, point, bounds, state, trial, step, (found, evaluations.values(last)[0]))
+        step, last = _bend_step(point, bounds, state, trial, found)  # pyright: ignore[reportArgumentType]
+    judged = _judge(solver, point, bounds, state, trial, step, (found, evaluations.values(last)[0]))
     if not bool(judged.accepted):
         return point, judged.state, _is_over(judged.state)
-    after = _moved(solver, bounds, state, trial, judged, *evaluations.linearised(judged.proposed))
+    after = _move(solver, bounds, state, trial, judged, *evaluations.linearised(judged.proposed))
     return judged.proposed if bool(after.accepted) else point, after, _is_over(after)
 
 
@@ -110,7 +110,9 @@ def _linearised(function: ResidualFunction, point: Point, args: Tree) -> Lineari
 
 
 @kept_jit
-def _begun(solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, state: LMState) -> tuple[Trial, Free, Free]:
+def _plan_trial(
+    solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, state: LMState
+) -> tuple[Trial, Free, Free]:
     """The trial, what it evaluates first if it does, and else last."""
     point = jnp.asarray(point)
     trial = solver.trial(point, bounds, state)
@@ -119,7 +121,7 @@ def _begun(solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, stat
 
 
 @kept_jit
-def _judged(
+def _judge(
     solver: BoundedLevenbergMarquardt,
     point: Point,
     bounds: Bounds,
@@ -127,8 +129,8 @@ def _judged(
     trial: Trial,
     step: Free,
     ends: tuple[Float[Array, " n"], Float[Array, " n"]],
-) -> Judged:
-    return solver.judged(jnp.asarray(point), bounds, state, trial, step, jnp.stack(ends))
+) -> Judgement:
+    return solver.judge(jnp.asarray(point), bounds, state, trial, step, jnp.stack(ends))
 
 
-_gone_on, _moved = kept_jit(second_point), kept_jit(BoundedLevenbergMarquardt.moved)
+_bend_step, _move = kept_jit(second_point), kept_jit(BoundedLevenbergMarquardt.moved_state)

@@ -27,12 +27,6 @@ _WITHIN = 1e-12
 _SHARES = tuple(0.5**power for power in range(11))
 """Fractions of a step along a kink that are tried: the kink may bend away from it."""
 
-_LIMIT = 100
-"""Linearisations after each step along a kink."""
-
-_REACHES = tuple(4.0**power for power in range(-10, 1))
-"""Shares of a proposed step at which a kink before its end is looked for, the nearest first."""
-
 _HALVINGS, _COMPARED = 16, 4
 """Halvings of the stretch with the kink; the change of slope is compared with that `_COMPARED` halvings before."""
 
@@ -83,7 +77,7 @@ def _lower(
             continue
         # No farther than that step: the whole way down this side of the kink is known to lead across it.
         near = started._replace(radius=share * np.linalg.norm(np.asarray(started.size) * step))
-        further, last = beside_kink(run, *deque(iterates(run, to, near, _LIMIT), maxlen=1).pop())
+        further, last = beside_kink(run, *deque(iterates(run, to, near, 100), maxlen=1).pop())
         if _squares(last) < squares:
             return further, last
     return None
@@ -112,7 +106,8 @@ def beside_kink(
         return point_at(share, to, iterate(run, to, blank)[1])
 
     before, beyond, count = point_at(0.0, jnp.asarray(y), state), None, 0
-    for share in _REACHES:
+    # Shares of the step, the nearest first.
+    for share in (4.0**power for power in range(-10, 1)):
         point, count = at(share), count + 1
         if point.slope >= 0.0:
             beyond = point
@@ -126,7 +121,11 @@ def beside_kink(
         before, beyond = (middle, beyond) if middle.slope < 0.0 else (before, middle)
         rises.append(beyond.slope - before.slope)
     lower = min(before, beyond, key=lambda point: _squares(point.state))
-    if rises[-1] < 0.5 * rises[-1 - _COMPARED] or _jumps(before, beyond) or _squares(lower.state) > _squares(state):
+    jump = np.linalg.norm(np.asarray(beyond.state.residual) - np.asarray(before.state.residual))
+    steepest = max(np.linalg.norm(before.change), np.linalg.norm(beyond.change))
+    # A residual that jumps by more than its slopes explain has no kink there.
+    continuous = jump <= 2.0 * (beyond.share - before.share) * steepest
+    if rises[-1] < 0.5 * rises[-1 - _COMPARED] or not continuous or _squares(lower.state) > _squares(state):
         return y, state
     counted = {"evaluations": state.evaluations + count, "iterations": state.iterations}
     ended = jnp.asarray(int(Ending.KINK))
@@ -135,8 +134,6 @@ def beside_kink(
 
 
 class _Point(NamedTuple):
-    """A point on the way of a proposed step."""
-
     share: float
     """Fraction of the step."""
     free: Float[Array, " p"]
@@ -145,13 +142,6 @@ class _Point(NamedTuple):
     """Predicted change of the residual over the whole step, by the Jacobian at this point."""
     slope: float
     """Half of that of the sum of squares."""
-
-
-def _jumps(before: _Point, beyond: _Point) -> bool:
-    """Whether the residual jumps between two points, by more than its slopes explain."""
-    jump = np.linalg.norm(np.asarray(beyond.state.residual) - np.asarray(before.state.residual))
-    steepest = max(np.linalg.norm(before.change), np.linalg.norm(beyond.change))
-    return not jump <= 2.0 * (beyond.share - before.share) * steepest
 
 
 def _squares(state: LMState) -> float:

@@ -66,15 +66,8 @@ _AT_BOUND = 1e-9
 _ROUNDING = 1e-13
 """Relative decrease of the sum of squares that rounding may hide."""
 
-_STRAIGHT = 0.75
-"""Share of the predicted decrease that a straight step finds where the residual hardly bends."""
-
 _FINE = 1e-6
 """Predicted decrease, relative to the sum of squares, below which steps are short enough to be straight."""
-
-_EPSILONS = 4.0
-"""Relative rounding errors that parameters and residual gather."""
-
 
 Free: TypeAlias = Float[Array, " p"]
 """The free parameters."""
@@ -89,7 +82,7 @@ Arguments: TypeAlias = Any
 """Handed on to the function, a pytree; of a fit the weights of the records."""
 
 
-class Judged(NamedTuple):
+class Judgement(NamedTuple):
     """The outcome of a trial step."""
 
     state: LMState
@@ -198,22 +191,13 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         bounds = flat_bounds(y, options)
         vector, unravel = flat_point(y)
         vector = jnp.clip(vector, bounds["lower"], bounds["upper"])
-        vector, state, aux = self._step(flat_function(fn, unravel), vector, args, bounds, state)
-        return unravel(vector), state, aux
-
-    def _step(
-        self, fn: ResidualFunction, y: Free, args: Arguments, options: Bounds, state: LMState
-    ) -> tuple[Free, LMState, Auxiliary]:
-        """`step` on vectors."""
-        trial = self.trial(y, options, state)
-        step, ends = _evaluated(fn, y, args, options, state, trial)
-        judged = self.judged(y, options, state, trial, step, ends)
-
-        def move() -> LMState:
-            return self.moved(options, state, trial, judged, *linearised(fn, judged.proposed, args))
-
-        state = lax.cond(judged.accepted, move, lambda: judged.state)
-        return jnp.where(state.accepted, judged.proposed, y), state, state.aux
+        flat = flat_function(fn, unravel)
+        trial = self.trial(vector, bounds, state)
+        step, ends = _evaluated(flat, vector, args, bounds, state, trial)
+        judged = self.judge(vector, bounds, state, trial, step, ends)
+        move = lambda: self.moved_state(bounds, state, trial, judged, *linearised(flat, judged.proposed, args))
+        after = lax.cond(judged.accepted, move, lambda: judged.state)
+        return unravel(jnp.where(after.accepted, judged.proposed, vector)), after, after.aux
 
     def trial(self, y: Free, options: Bounds, state: LMState) -> Trial:
         """The points that an iteration is about to evaluate."""
@@ -221,11 +205,11 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         checking = state.ending != Ending.RUNNING
         bending = ~checking & ~state.unevaluated & ((state.rejected > 0) | state.curved)
         proposal = best_step(state, y, options, state.size, state.radius)
-        return Trial(proposal, jnp.stack(_apart(state, y, options, self.atol)), checking, bending)
+        return Trial(proposal, jnp.stack(_difference_ends(state, y, options, self.atol)), checking, bending)
 
-    def judged(
+    def judge(
         self, y: Free, options: Bounds, state: LMState, trial: Trial, step: Free, ends: Float[Array, "2 n"]
-    ) -> Judged:
+    ) -> Judgement:
         """What the evaluations of a `trial` say of its `step`: the residuals at its probe and its end, or apart."""
         proposal, residual = trial.proposal, ends[1]
         proposed = jnp.where(state.unevaluated, y, trial_point(y, step, proposal, options))
@@ -238,18 +222,20 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         before = _counted(state, trial)
         after = lax.cond(
             trial.checking,
-            lambda: self._compared(before, ends, trial.apart, y),
-            lambda: self._ended(_stayed(before, radius)),
+            lambda: self._with_comparison(before, ends, trial.apart, y),
+            lambda: self._with_ending(_with_rejection(before, radius)),
         )
-        return Judged(after, proposed, accepted, radius, gained, ratio, squares)
+        return Judgement(after, proposed, accepted, radius, gained, ratio, squares)
 
-    def moved(self, options: Bounds, state: LMState, trial: Trial, judged: Judged, out: Tree, slopes: Tree) -> LMState:
+    def moved_state(
+        self, options: Bounds, state: LMState, trial: Trial, judged: Judgement, out: Tree, slopes: Tree
+    ) -> LMState:
         """`state` after the step of a `trial` that was accepted, to where the function gives `out` with `slopes`."""
         proposal, before = trial.proposal, _counted(state, trial)
 
         def settle() -> LMState:
             slow = ~state.unevaluated & (judged.gained < jnp.maximum(self.slow * judged.squares, state.rounding))
-            curved = (trial.bending | (judged.ratio < _STRAIGHT)) & (proposal.predicted > _FINE * judged.squares)
+            curved = (trial.bending | (judged.ratio < 0.75)) & (proposal.predicted > _FINE * judged.squares)
             moved = _with_slopes(before, judged.proposed, out, slopes)
             moved = moved._replace(
                 radius=jnp.where(state.unevaluated, first_radius(moved, judged.proposed), judged.radius),
@@ -264,10 +250,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
 
         # From a point whose slopes are not known nothing tells where to go: it is as good as one without a value.
         usable = jnp.all(jnp.isfinite(slopes[0]))
-        return self._ended(lax.cond(usable, settle, lambda: _stayed(before, shortened(state, proposal))))
+        return self._with_ending(lax.cond(usable, settle, lambda: _with_rejection(before, shortened(state, proposal))))
 
-    def _ended(self, state: LMState) -> LMState:
-        """`state` with its ending, if this is one."""
+    def _with_ending(self, state: LMState) -> LMState:
         squares = jnp.sum(state.residual**2)
         enough = jnp.maximum(self.rtol * squares, self.atol)
         flat = (state.predicted_reduction <= enough) & (state.cosine**2 * squares <= enough)
@@ -287,7 +272,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
             ending=ending.astype(state.ending.dtype), checked=jnp.where(uncheckable, CHECKS, state.checked)
         )
 
-    def _compared(
+    def _with_comparison(
         self, state: LMState, ends: Float[Array, "2 n"], apart: Float[Array, "2 p"], y: Float[Array, " p"]
     ) -> LMState:
         """`state` after one more comparison of the Jacobian with a difference; agreement skips the smaller size."""
@@ -370,11 +355,10 @@ def _evaluated(
 
 
 def _counted(state: LMState, trial: Trial) -> LMState:
-    """`state` with the evaluations of a `trial`; accepted only when it is."""
     return state._replace(accepted=jnp.array(False), evaluations=state.evaluations + jnp.where(trial.has_first, 2, 1))
 
 
-def _stayed(state: LMState, radius: Scalar) -> LMState:
+def _with_rejection(state: LMState, radius: Scalar) -> LMState:
     """`state` after a rejection; a start that cannot be evaluated stays so, for there is nothing to go on from."""
     return state._replace(radius=radius, rejected=state.rejected + 1)
 
@@ -391,7 +375,6 @@ def linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments) -> 
 
 
 def _with_slopes(state: LMState, y: Float[Array, " p"], out: Tree, slopes: Tree) -> LMState:
-    """`state` at the point `y`, where the function gives `out`, with these Jacobians."""
     (residual, aux), (jacobian, aux_jacobian) = out, slopes
     # What is left of a column by rounding would have its parameter thrown about, and no gradient ever small.
     reach = jnp.linalg.norm(jacobian, axis=0) * jnp.maximum(jnp.abs(y), 1.0)
@@ -424,12 +407,14 @@ def _with_prediction(state: LMState, y: Float[Array, " p"], options: Bounds) -> 
         # Below zero only by rounding; one far below would be that of a step gone wrong, and no sign of an end.
         predicted_reduction=jnp.abs(best.predicted),
         cosine=jnp.max(jnp.where(blocked, 0.0, cosines), initial=0.0),
-        rounding=_EPSILONS * jnp.finfo(y.dtype).eps * norm * jnp.linalg.norm(norms * y),
+        # Parameters and residual gather some four relative rounding errors.
+        rounding=4.0 * jnp.finfo(y.dtype).eps * norm * jnp.linalg.norm(norms * y),
     )
 
 
-def _apart(state: LMState, y: Float[Array, " p"], options: Bounds, atol: ScalarLike) -> list[Float[Array, " p"]]:
-    """The two ends of the next difference."""
+def _difference_ends(
+    state: LMState, y: Float[Array, " p"], options: Bounds, atol: ScalarLike
+) -> list[Float[Array, " p"]]:
     scale = noise_scale(state.residual, state.jacobian, y, atol)
     free = (y > options["lower"]) & (y < options["upper"]) & (options["lower"] < options["upper"])
     random = random_direction(state.jacobian, y, free, scale)

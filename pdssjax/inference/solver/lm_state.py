@@ -39,7 +39,6 @@ STOPPED = (Ending.SLOW_STEPS, Ending.STALLED, Ending.REJECTED)
 
 SUCCESSES = (Ending.CONVERGED, Ending.WITHIN_ROUNDING, Ending.SMALL_JUMP)
 
-
 Auxiliary: TypeAlias = Any
 """Auxiliary output of the function beside the residuals, a pytree; in a fit the offsets of the records."""
 

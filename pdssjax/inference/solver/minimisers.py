@@ -24,8 +24,8 @@ _INSIDE = 1e-6
 
 
 def check_minimiser(given: object) -> None:
-    """**Raises** `InputError` for what is no least-squares solver of optimistix."""
-    if not isinstance(given, optx.AbstractLeastSquaresSolver):
+    """**Raises** `InputError` for what is given and no least-squares solver of optimistix."""
+    if given is not None and not isinstance(given, optx.AbstractLeastSquaresSolver):
         raise InputError(
             f"minimiser: found {given!r:.80}, expected a least-squares solver of optimistix, such as "
             "optimistix.Dogleg(rtol=1e-8, atol=1e-8)."

@@ -23,10 +23,6 @@ PROBE = 0.1
 _LEAST = 0.1
 """Share of a bad step that is left to the next one, at least."""
 
-_LONGEST_BEND = 0.75
-"""Longest bend of a step relative to the step itself; a larger one means the step is too long."""
-
-
 Bounds: TypeAlias = Mapping[str, Float[Array | np.ndarray, " p"]]
 """Bounds of the parameters: "lower" and "upper"."""
 
@@ -90,7 +86,8 @@ def bend(state: LMState, proposal: Proposal, probed: Float[Array, " n"]) -> Floa
     right = (state.jacobian.T @ turn) / size * ~(solution.at_low | solution.at_high)
     bent = -solve_triangular(solution.factor, solve_triangular(solution.factor, right, trans=1)) / size
     norm = lambda step: jnp.linalg.norm(step * state.size)
-    return jnp.where(norm(bent) <= _LONGEST_BEND * norm(proposal.step), bent, 0.0)
+    # A larger bend means that the step is too long.
+    return jnp.where(norm(bent) <= 0.75 * norm(proposal.step), bent, 0.0)
 
 
 def trial_point(
@@ -148,22 +145,22 @@ def flat_bounds(y: Tree, options: Mapping[str, Tree]) -> Bounds:
     for key in options:
         if key not in ("lower", "upper"):
             raise InputError(f'options: found the key {key!r}, expected "lower" and "upper", the bounds.')
-    ends = {"lower": -jnp.inf, "upper": jnp.inf} | dict(options)
-    return {name: _vector(name, end, y) for name, end in ends.items()}
-
-
-def _vector(name: str, end: Tree, y: Tree) -> Tree:
     leaves, structure = jax.tree.flatten(y)
-    given, form = jax.tree.flatten(end)
-    if form != structure and len(given) == 1 and jnp.ndim(given[0]) == 0:
-        given, form = given * len(leaves), structure
-    if form != structure:
-        raise InputError(f'options["{name}"]: found the structure {form}, expected a number or {structure}, as of y0.')
-    for bound, leaf in zip(given, leaves, strict=True):
-        if not _broadcasts(jnp.shape(bound), jnp.shape(leaf)):
-            raise InputError(f'options["{name}"]: found shape {jnp.shape(bound)}, expected {leaf.shape}, as of y0.')
-    filled = [jnp.broadcast_to(jnp.asarray(a, b.dtype), b.shape) for a, b in zip(given, leaves, strict=True)]
-    return filled[0] if is_vector(y) else ravel_pytree(filled)[0]
+    out = {}
+    for name, end in ({"lower": -jnp.inf, "upper": jnp.inf} | dict(options)).items():
+        given, form = jax.tree.flatten(end)
+        if form != structure and len(given) == 1 and jnp.ndim(given[0]) == 0:
+            given, form = given * len(leaves), structure
+        if form != structure:
+            raise InputError(
+                f'options["{name}"]: found the structure {form}, expected a number or {structure}, as of y0.'
+            )
+        for bound, leaf in zip(given, leaves, strict=True):
+            if not _broadcasts(jnp.shape(bound), jnp.shape(leaf)):
+                raise InputError(f'options["{name}"]: found shape {jnp.shape(bound)}, expected {leaf.shape}, as of y0.')
+        filled = [jnp.broadcast_to(jnp.asarray(a, b.dtype), b.shape) for a, b in zip(given, leaves, strict=True)]
+        out[name] = filled[0] if is_vector(y) else ravel_pytree(filled)[0]
+    return out
 
 
 def _broadcasts(shape: tuple[int, ...], to: tuple[int, ...]) -> bool:

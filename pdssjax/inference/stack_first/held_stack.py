@@ -22,14 +22,14 @@ from jaxtyping import Float
 
 from ...integration import Accuracy
 from ...study import Study, Values, split_path
-from ..beyond_noise import highest_by_chance
 from ..covariance import scaled_least_squares
 from ..evidence import Evidence
 from ..least_squares import MAX_ITERATIONS, Fit, Progress, evaluated, fit_phase, quiet, summed
+from ..prior import is_by_chance
 from ..problem import Problem, pose
 from ..search.multistart import Point
 from ..stack_parameters import platform_alone_records, stack_parameters
-from .peak_picking import PATHS, PickedStack, whitened_readings
+from .peak_picking import PATHS, PickedStack
 
 
 def with_stack_held(study: Study, stack: Mapping[str, float]) -> Study:
@@ -53,16 +53,13 @@ def rejoined(study: Study, point: Point, accuracy: Accuracy, report: Progress) -
     Noise that was not given is that found in the second step, and the floor of the platform's records.
     """
     found = {path: float(number) for path, number in point.problem.decode(point.fit.free).items()}
-    problem = _with_noise_of(point.problem, pose(study, point.starts, accuracy))
+    problem, second = pose(study, point.starts, accuracy), point.problem
+    known = {id(record): noise for record, noise in zip(second.records, second.noise, strict=True)}
+    noise = [known.get(id(record), floor) for record, floor in zip(problem.records, problem.noise, strict=True)]
+    problem = problem._replace(noise=np.array(noise))
     whole = evaluated(problem, problem.encode({**point.starts, **found}), report)
     fit = whole._replace(success=point.fit.success, message=point.fit.message, ending=point.fit.ending)
     return Point(summed(fit, [point.fit]), problem, point.starts, point.covers)
-
-
-def _with_noise_of(second: Problem, whole: Problem) -> Problem:
-    known = {id(record): noise for record, noise in zip(second.records, second.noise, strict=True)}
-    noise = [known.get(id(record), floor) for record, floor in zip(whole.records, whole.noise, strict=True)]
-    return whole._replace(noise=np.array(noise))
 
 
 def sequential(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
@@ -106,11 +103,10 @@ def with_stack_freed(fit: Fit, problem: Problem, stack: PickedStack) -> Evidence
     rows = np.concatenate([every[r] for r, is_alone in zip(problem.rows, alone, strict=True) if not is_alone])
     residual, jacobian = np.asarray(fit.state.residual)[rows], np.asarray(fit.state.jacobian)[rows]
     moves = (transform.among(PATHS) | ~stack_parameters(problem)) & ~transform.at_bound(fit.free)
-    readings = whitened_readings(stack, transform.paths)
+    readings = stack.prior.rows(transform.paths)
     rest = np.append(residual, np.zeros(len(readings)))
     step = -scaled_least_squares(np.vstack([jacobian, readings]) * moves, rest, 1e-9)
-    off = float(np.sum((readings @ step) ** 2))
-    if off < len(readings) * highest_by_chance(len(readings)):
+    if is_by_chance(readings @ step):
         residual = residual + jacobian @ (step * moves)
     walks = tuple(record for record, is_alone in zip(problem.records, alone, strict=True) if not is_alone)
     state = fit.state._replace(residual=residual, jacobian=jacobian)

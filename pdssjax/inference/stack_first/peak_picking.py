@@ -22,7 +22,7 @@ from ...piezo.second_order import SecondOrder
 from ...study import MARK, Record, Study, split_path
 from ..initial_values.record_features import is_step, noise_of, voltages
 from ..initial_values.step_peaks import APART, Extremes, OneMode, extremes, one_mode, rest_before, step_response
-from ..residual import prior_measurements
+from ..prior import Prior
 
 PEAKS = 6
 """Extremes read of a record, at most: three highs and three lows."""
@@ -32,9 +32,6 @@ VISIBLE = 5.0
 
 _SWING = 12.0
 """Distance from one extreme to the next, over the noise, from which both are read: noise alone comes to 6."""
-
-_FADED = 2e-3
-"""Distance from the final value, over that, below which an extreme no longer tells anything."""
 
 _RESOLVED = 3
 """Samples from one extreme to the next, at least."""
@@ -47,9 +44,6 @@ _TOGETHER = 100
 
 PATHS = ("piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio")
 """Paths of the parameters that peaks determine, in this order."""
-
-_BETWEEN = ("amplifier.", "sensor.", "drive.rise_time")
-"""Beginnings of the paths of what delays, bends or smoothes a step."""
 
 
 class StepRecord(NamedTuple):
@@ -77,42 +71,25 @@ class PickedStack:
     read: Float[np.ndarray, "3"]
     """The numbers by the peaks alone [SI], in the order of `PATHS`."""
     records: tuple[StepRecord, ...]
-    priors: dict[str, tuple[float, float]]
-    """Numbers measured apart: number and standard error [SI] by path, of `PATHS`."""
+    measured_apart: Prior
+    """What was measured apart of `PATHS`, on their logarithms."""
 
     @property
     def values(self) -> dict[str, float]:
         """Numbers [SI] by path of `PATHS`, those measured apart combined with the peaks."""
-        values = np.exp(self._combined[0]) if self.priors else self.read
+        values = np.exp(self.prior.mean) if self.measured_apart.paths else self.read
         return dict(zip(PATHS, map(float, values), strict=True))
+
+    @functools.cached_property
+    def prior(self) -> Prior:
+        """The logarithms of the numbers at `PATHS` by peaks and what was measured apart; errors include the bias."""
+        peaks = Prior.of_covariance(PATHS, np.log(self.read), simulated_covariance(self.read, self.records))
+        return peaks.combined(self.measured_apart) if self.measured_apart.paths else peaks
 
     @property
     def covariance(self) -> Float[np.ndarray, "3 3"]:
         """Second moments of the errors of the logarithms, in the order of `PATHS`; they include the bias."""
-        return self._combined[1]
-
-    @functools.cached_property
-    def _combined(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
-        """Logarithms and their covariance: peaks and what was measured apart, by least squares."""
-        logarithms, covariance = np.log(self.read), simulated_covariance(self.read, self.records)
-        for path, (number, error) in self.priors.items():
-            place = PATHS.index(path)
-            gain = covariance[:, place] / (covariance[place, place] + (error / number) ** 2)
-            logarithms = logarithms + gain * (np.log(number) - logarithms[place])
-            covariance = covariance - np.outer(gain, covariance[place])
-        return logarithms, covariance
-
-
-def whitened_readings(stack: PickedStack, paths: Sequence[str]) -> Float[np.ndarray, "k p"]:
-    """The rows W that a reading adds to a Jacobian by the numbers of a fit at `paths`, those read being logarithms.
-
-    W'W is the inverse of the covariance of what was read of them; there is a row for each that is among `PATHS`.
-    """
-    here = [place for place, path in enumerate(paths) if path in PATHS]
-    read = [PATHS.index(paths[place]) for place in here]
-    rows = np.zeros((len(here), len(paths)))
-    rows[:, here] = np.linalg.inv(np.linalg.cholesky(stack.covariance[np.ix_(read, read)]))
-    return rows
+        return self.prior.covariance
 
 
 def pick_peaks(study: Study) -> PickedStack:
@@ -131,13 +108,19 @@ def pick_peaks(study: Study) -> PickedStack:
             'be picked; expected at least one, or method "sequential".'
         )
     _check_between(study, steps, where)
-    read = tuple(_read(record, where) for record in steps)
+    read = tuple(_step_record(record, where) for record in steps)
     systems = [one_mode(extremes(step.time, step.height, step.peaks)) for step in read]
-    values = np.mean([_numbers(system, step.voltage) for system, step in zip(systems, read, strict=True)], axis=0)
-    priors = {path: prior for path, prior in prior_measurements(study.parameters).items() if path in PATHS}
-    stack = PickedStack(values, read, priors)
+    values = np.mean([_stack_numbers(system, step.voltage) for system, step in zip(systems, read, strict=True)], axis=0)
+    stack = PickedStack(values, read, Prior.measured_apart(study.parameters).on_logarithms(PATHS))
     for path, number in stack.values.items():
-        _check_bounds(study, path, number, where)
+        declared = study.parameters.get(path)
+        if declared is not None and declared.free:
+            low, high = declared.bounds()
+            if not low <= number <= high:
+                raise InputError(
+                    f'{where}: parameters: "{path}": found {number:.6g} {declared.unit} by the peaks of the step '
+                    f"records, expected a number within its bounds, {low:g} to {high:g}."
+                )
     return stack
 
 
@@ -168,7 +151,9 @@ def _check_between(study: Study, steps: Sequence[Record], where: str) -> None:
     between = [
         path
         for path, parameter in study.parameters.items()
-        if path.startswith(_BETWEEN) and split_path(path)[1] in conditions and parameter.value != 0.0
+        if path.startswith(("amplifier.", "sensor.", "drive.rise_time"))
+        and split_path(path)[1] in conditions
+        and parameter.value != 0.0
     ]
     if between:
         raise InputError(
@@ -178,30 +163,21 @@ def _check_between(study: Study, steps: Sequence[Record], where: str) -> None:
         )
 
 
-def _check_bounds(study: Study, path: str, number: float, where: str) -> None:
-    declared = study.parameters.get(path)
-    if declared is None or not declared.free:
-        return
-    low, high = declared.bounds()
-    if not low <= number <= high:
-        raise InputError(
-            f'{where}: parameters: "{path}": found {number:.6g} {declared.unit} by the peaks of the step records, '
-            f"expected a number within its bounds, {low:g} to {high:g}."
-        )
-
-
 def _shows_a_step(record: Record) -> bool:
     """The platform's displacement under a voltage that jumps at t = 0 and then stays."""
     if not (record.measurement.platform_alone and record.measurement.unit == "m"):
         return False
     if not (record.drive is not None and record.drive.has_jumps() and is_step(record)):
         return False
-    after = np.broadcast_to(voltages(record), record.time.shape)[record.time > 0.0]
+    after = voltages(record)[record.time > 0.0]
     return bool(np.ptp(after) <= 1e-9 * np.max(np.abs(after)))
 
 
-def _read(record: Record, where: str) -> StepRecord:
-    """The part of a record with its peaks, and how many stand out."""
+def _step_record(record: Record, where: str) -> StepRecord:
+    """The part of a record with its peaks, as many as stand out, and without what comes after them.
+
+    **Raises:** `InputError` where fewer than two do, or nothing is before the step.
+    """
     where = f'{where}: record "{record.name}"'
     voltage = float(voltages(record)[-1])
     after = record.time > 0.0
@@ -211,60 +187,44 @@ def _read(record: Record, where: str) -> StepRecord:
             'or an offset, to count heights from for method "peaks".'
         )
     zero, count = rest_before(record.time, record.measured) if record.offset is None else (record.offset, 0)
-    noise = noise_of(record)
+    noise, time = noise_of(record), record.time[after]
     height = np.sign(voltage) * (record.measured[after] - zero)
-    zero_error = noise / np.sqrt(count) if count else 0.0
-    step = StepRecord(record.name, record.time[after], height, abs(voltage), noise, float(zero_error), 2)
-    return _with_peaks(step, where)
-
-
-def _with_peaks(step: StepRecord, where: str) -> StepRecord:
-    """The step with as many peaks as stand out, and without what comes after them.
-
-    **Raises:** `InputError` where fewer than two do.
-    """
-    found = extremes(step.time, step.height, PEAKS)
-    half, last = float(found.times[0]), float(step.time[-1])
+    zero_error = float(noise / np.sqrt(count)) if count else 0.0
+    found = extremes(time, height, PEAKS)
+    half, last = float(found.times[0]), float(time[-1])
     swings = np.abs(np.diff(found.heights))
     complete = found.times[:-1] + APART * half <= last
-    high = float(found.heights[0])
-    if not high > VISIBLE * step.noise:
+    if not float(found.heights[0]) > VISIBLE * noise:
         raise InputError(f'{where}: found no motion above its noise, expected a step response for method "peaks".')
-    ringing = bool(swings[0] > _SWING * step.noise)
-    if not (ringing and complete[0]):
-        _refuse(step, where, ringing)
-    interval = float(np.median(np.diff(step.time)))
+    rings = bool(swings[0] > _SWING * noise)
+    if not (rings and complete[0]):
+        first = float(time[int(np.argmax(height))])
+        if first > 0.9 * last or rings:
+            raise InputError(
+                f"{where}: found {1e3 * last:.4g} ms after the step with the highest sample at {1e3 * first:.4g} ms, "
+                'expected a record of two extremes at least for method "peaks": a longer one, or a platform that rings.'
+            )
+        raise InputError(
+            f"{where}: found no ringing above its noise of {1e6 * noise:.3g} um after the step, expected two "
+            'extremes that stand out for method "peaks": the platform is too damped, or the record too noisy.'
+        )
+    interval = float(np.median(np.diff(time)))
     if half < _RESOLVED * interval:
         raise InputError(
             f"{where}: found its first peak {half / interval:.2g} samples after the step, expected at least "
             f'{_RESOLVED} for method "peaks": the samples do not show the ringing.'
         )
-    usable = np.cumprod(complete & (swings > _SWING * step.noise))
-    peaks = 1 + int(np.sum(usable))
+    peaks = 1 + int(np.sum(np.cumprod(complete & (swings > _SWING * noise))))
     # Late extremes fade into the noise: those are left out in whose place the system has none to see.
     system = one_mode(Extremes(found.times[:peaks], found.heights[:peaks]))
     away = np.abs(found.heights[:peaks] / system.final - 1.0)
-    kept = (away > VISIBLE * step.noise / float(system.final)) & (away > _FADED)
-    peaks = max(int(np.sum(np.cumprod(kept))), 2)
-    used = step.time <= found.times[peaks - 1] + APART * half
-    return step._replace(time=step.time[used], height=step.height[used], peaks=peaks)
+    visible = (away > VISIBLE * noise / float(system.final)) & (away > 2e-3)
+    peaks = max(int(np.sum(np.cumprod(visible))), 2)
+    used = time <= found.times[peaks - 1] + APART * half
+    return StepRecord(record.name, time[used], height[used], abs(voltage), noise, zero_error, peaks)
 
 
-def _refuse(step: StepRecord, where: str, ringing: bool) -> None:
-    """**Raises** `InputError`: too short, or no ringing."""
-    first, last = float(step.time[int(np.argmax(step.height))]), float(step.time[-1])
-    if first > 0.9 * last or ringing:
-        raise InputError(
-            f"{where}: found {1e3 * last:.4g} ms after the step with the highest sample at {1e3 * first:.4g} ms, "
-            'expected a record of two extremes at least for method "peaks": a longer one, or a platform that rings.'
-        )
-    raise InputError(
-        f"{where}: found no ringing above its noise of {1e6 * step.noise:.3g} um after the step, expected two "
-        'extremes that stand out for method "peaks": the platform is too damped, or the record too noisy.'
-    )
-
-
-def _numbers(system: OneMode, voltage: float) -> Float[np.ndarray, "... 3"]:
+def _stack_numbers(system: OneMode, voltage: float) -> Float[np.ndarray, "... 3"]:
     """The numbers of a system under a step of a `voltage`, in the order of `PATHS` along the last axis."""
     return np.stack([system.final / voltage, system.natural_frequency, system.damping_ratio], axis=-1)
 
@@ -279,19 +239,14 @@ def simulated_covariance(values: Float[np.ndarray, "3"], steps: Sequence[StepRec
         truth = np.tile(values, (_TOGETHER, 1))
         # Over one sample the first peak takes every place between two samples, and the later ones too.
         truth[:, 1] *= half / (half + interval * random.uniform(-0.5, 0.5, _TOGETHER))
-        found = np.mean([_simulated(truth, step, random) for step in steps], axis=0)
+        readings = []
+        for step in steps:
+            height = step_response(OneMode(truth[:, 0] * step.voltage, *truth[:, 1:].T), step.time)
+            height += step.noise * random.standard_normal(height.shape)
+            height += step.zero_error * random.standard_normal((_TOGETHER, 1))
+            readings.append(_stack_numbers(one_mode(extremes(step.time, height, step.peaks)), step.voltage))
+        found = np.mean(readings, axis=0)
         with np.errstate(invalid="ignore"):
             errors = np.log(found / truth)
         moment += errors.T @ errors
     return moment / (_TOGETHER * (DRAWS // _TOGETHER))
-
-
-def _simulated(
-    truth: Float[np.ndarray, "draws 3"], step: StepRecord, random: np.random.Generator
-) -> Float[np.ndarray, "draws 3"]:
-    """Readings of step responses of the systems `truth`, sampled and disturbed as a record is."""
-    gain, frequency, damping = truth.T
-    height = step_response(OneMode(gain * step.voltage, frequency, damping), step.time)
-    height += step.noise * random.standard_normal(height.shape)
-    height += step.zero_error * random.standard_normal((len(truth), 1))
-    return _numbers(one_mode(extremes(step.time, height, step.peaks)), step.voltage)

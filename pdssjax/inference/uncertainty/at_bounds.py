@@ -22,9 +22,6 @@ from jaxtyping import Array, Float, Int
 from ..parameter_transform import Box
 from .second_order import Linearisation
 
-_AT = 1e-3
-"""Distance from a bound, in standard errors, at which an optimum lies at it."""
-
 _STEEP = 30.0
 """Value of a from which the density is an exponential to a thousandth."""
 
@@ -87,7 +84,7 @@ def at_bounds(
     """
     below, above = optimum.at - bounds[0], bounds[1] - optimum.at
     errors = np.linalg.norm(axes, axis=1)
-    held = np.array([place for place in moving if min(below[place], above[place]) <= _AT * errors[place]], int)
+    held = np.array([place for place in moving if min(below[place], above[place]) <= 1e-3 * errors[place]], int)
     sides = np.where(below[held] <= above[held], 1.0, -1.0)
     others = optimum.jacobian[:, np.setdiff1d(moving, held)]
     basis = np.linalg.qr(others / np.linalg.norm(others, axis=0))[0]

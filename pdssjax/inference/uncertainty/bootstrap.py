@@ -28,9 +28,6 @@ FEWEST_CYCLES = 3
 _OFF_GRID = 0.02
 """Samples by which the cycles may leave the grid of samples over a record."""
 
-_BESIDE_GRID = 0.25
-"""Samples by which a single sample may leave that grid, since its clock may be uneven."""
-
 
 class Replicate(NamedTuple):
     """One fit to data drawn anew."""
@@ -71,8 +68,6 @@ def bootstrap(
 
 
 class _Centre(NamedTuple):
-    """The fit around which data are drawn."""
-
     free: Float[np.ndarray, " p"]
     residual: Float[np.ndarray, " n"]
     """Whitened."""
@@ -85,8 +80,9 @@ def fitted_replicate(
 ) -> Replicate:
     """The fit to the data of replicate `number`."""
     random = np.random.default_rng([seed, number])
-    data = redrawn(problem, centre, resampled, random), priors_redrawn(problem, centre, random)
-    drawn = eqx.tree_at(lambda r: (r.comparison.measured, r.comparison.priors), problem.residual, data)
+    measured = redrawn(problem, centre, resampled, random)
+    prior = problem.residual.comparison.prior.redrawn(centre.residual[problem.rows_apart], random)
+    drawn = eqx.tree_at(lambda r: (r.comparison.measured, r.comparison.prior), problem.residual, (measured, prior))
     fit = run(problem._replace(residual=drawn), problem.decode(centre.free), quiet)
     return Replicate(number, np.asarray(fit.free, float), bool(fit.success and np.isfinite(fit.chi2)), fit.message)
 
@@ -109,15 +105,6 @@ def redrawn(
     return tuple(measured)
 
 
-def priors_redrawn(problem: Problem, centre: _Centre, random: np.random.Generator) -> dict[str, Float[np.ndarray, "2"]]:
-    """New numbers of the parameters measured apart, with the same standard errors."""
-    left = centre.residual[problem.rows_apart]
-    return {
-        path: np.array([number + error * (off - random.standard_normal()), error])
-        for (path, (number, error)), off in zip(problem.residual.comparison.priors.items(), left, strict=True)
-    }
-
-
 def phases_of(record: Record) -> tuple[Int[np.ndarray, " samples"], int] | None:
     """Phases of a record that holds several whole cycles with samples at the same phases; else None.
 
@@ -134,7 +121,8 @@ def phases_of(record: Record) -> tuple[Int[np.ndarray, " samples"], int] | None:
     exact = (record.time - record.time[0]) * float(frequency) * cycle
     places = np.rint(exact).astype(int)
     whole = np.count_nonzero(np.bincount(places // cycle) == cycle)
-    return (places, cycle) if np.max(np.abs(exact - places)) < _BESIDE_GRID and whole >= FEWEST_CYCLES else None
+    # A single sample may leave the grid, since its clock may be uneven.
+    return (places, cycle) if np.max(np.abs(exact - places)) < 0.25 and whole >= FEWEST_CYCLES else None
 
 
 def cycles_redrawn(

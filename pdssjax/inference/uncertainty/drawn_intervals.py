@@ -9,7 +9,6 @@ they are elsewhere.
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...core import percent
 from ...metrics import effective_size, effective_size_of_tails, rhat
-from ...study import Draws, Estimate, FittedParameter, ParameterDraws
+from ...study import Draws, Estimate, ParameterDraws
 from ..draws import Drawing
 from ..evidence import Evidence
 from ..least_squares import FitMethod, Progress
@@ -28,7 +27,7 @@ from ..problem import Problem
 from .bootstrap import Replicate, bootstrap, phases_of
 from .linear_intervals import NORMAL_95, half_width_95, row_factors
 from .no_u_turn import sample_by_trajectories
-from .posterior import BEYOND, Chains, posterior_model, principal_axes, sample_posterior
+from .posterior import BEYOND, posterior_model, principal_axes, sample_posterior
 from .profile_likelihood import End, Evaluate, Verdict, Which
 from .randomize_then_optimize import NothingToDraw
 from .second_order import Linearisation, linearisation_at
@@ -102,7 +101,7 @@ def posterior_coordinates(
     return PosteriorCoordinates(near, unit)
 
 
-TAILS = 0.025, 0.975
+_TAILS = 0.025, 0.975
 """Shares of the draws below the ends of a 95 % interval."""
 
 FEWEST_DRAWS = 100
@@ -123,12 +122,6 @@ ENOUGH_BEYOND = 8.0
 FEW_BEYOND = 0.2
 """Share of the draws expected beyond an end below which a tail of the posterior is missing."""
 
-_ENLARGED = 1.005
-"""Factor of the variance from which the description states it."""
-
-_WIDER = 1.01
-"""Ratio of Student's t to a normal quantile from which the description states it."""
-
 MANY_FAILED = 0.05
 """Share of replicates that may fail before the intervals no longer stand for all of them."""
 
@@ -142,7 +135,7 @@ def with_bootstrap(
     report: Progress,
 ) -> Estimate:
     """`estimate` with the percentiles of a bootstrap as 95 % intervals, and all replicates as `draws`."""
-    problem, fit = evidence.problem, evidence.fit
+    problem, fit, transform = evidence.problem, evidence.fit, evidence.problem.residual.transform
     replicates = bootstrap(problem, fit, run, evidence.variance_factor, drawing, executor, report)
     good = [replicate.free for replicate in replicates if replicate.success]
     failed = len(replicates) - len(good)
@@ -154,13 +147,13 @@ def with_bootstrap(
         kind="bootstrap",
         description=_description(problem, drawing),
         names=estimate.names,
-        values=problem.residual.transform.in_si(problem.residual.transform.own(free))[None],
+        values=transform.in_si(transform.own(free))[None],
         failed=failed,
         failure="did not converge and are left out",
         seed=drawing.seed,
         parameters=tuple(summary_of_replicates(problem, fit.free, free)),
     )
-    return with_draws(estimate, draws, notes, problem.residual.transform.logarithmic)
+    return with_draws(estimate, draws, notes, transform.logarithmic)
 
 
 def summary_of_replicates(
@@ -169,7 +162,7 @@ def summary_of_replicates(
     """Mean, deviation and both kinds of intervals of each parameter, from replicates on the scale of the fit."""
     transform = problem.residual.transform
     own, middle = transform.own(free), transform.own(centre)
-    values, ends = transform.in_si(own), np.quantile(own, TAILS, axis=0)
+    values, ends = transform.in_si(own), np.quantile(own, _TAILS, axis=0)
     percentiles, basics = transform.in_si(ends), transform.in_si(2.0 * middle - ends[::-1])
     return [
         ParameterDraws(
@@ -210,9 +203,13 @@ def with_posterior(
         executor,
         report,
     )
-    sampler = _SAMPLERS[drawing.sampler]
+    # A trajectory that ends at an edge is a draw all the same.
+    sample, sampler, failure, fewest = {
+        "rto": (sample_posterior, "randomize-then-optimize", "proposals refused by the model", FEW_ACCEPTED),
+        "nuts": (sample_by_trajectories, "the No-U-Turn sampler", "trajectories that ended at an edge", 0.0),
+    }[drawing.sampler]
     try:
-        chains = sampler.sample(model, drawing, executor, report)
+        chains = sample(model, drawing, executor, report)
     except NothingToDraw as error:
         return dataclasses.replace(estimate, notes=(*estimate.notes, f"No posterior, intervals are linear: {error}"))
     in_si = lambda y: transform.in_si(transform.own(np.asarray(coordinates.to_fit(y))))
@@ -220,17 +217,16 @@ def with_posterior(
     held = [path for path, moves in zip(estimate.names, moving, strict=True) if not moves]
     draws = Draws(
         kind="posterior",
-        description=f"{_density_in_words(problem, factor, held)}; by {sampler.name}",
+        description=f"{_density_in_words(problem, factor, held)}; by {sampler}",
         names=estimate.names,
         values=values,
         failed=chains.failed,
-        failure=sampler.failure,
+        failure=failure,
         seed=drawing.seed,
         parameters=tuple(summary_of_chains(estimate.names, values, moving)),
         statistics=chains.statistics,
     )
-    about = [*_about_chains(draws), *_about_proposals(draws, sampler.fewest)]
-    about += about_tails(draws.parameters, chains.free, model.ends)
+    about = about_chains(draws, fewest) + about_tails(draws.parameters, chains.free, model.ends)
     about += about_endless(estimate.names, model.ends, model.logarithmic)
     about += about_better_optima(estimate.names, model.ends, in_si)
     return with_draws(estimate, draws, [*estimate.notes, *about], transform.logarithmic)
@@ -243,7 +239,7 @@ def summary_of_chains(
     out = []
     for i, path in enumerate(paths):
         drawn = values[:, :, i]
-        low, high = np.quantile(drawn, TAILS)
+        low, high = np.quantile(drawn, _TAILS)
         deviation = float(np.std(drawn, ddof=1)) if moving[i] else float("nan")
         found = ParameterDraws(path, float(np.mean(drawn)), deviation, (float(low), float(high)))
         if moving[i]:
@@ -254,17 +250,18 @@ def summary_of_chains(
 
 
 def _density_in_words(problem: Problem, factor: float, held: list[str]) -> str:
-    priors = ", ".join(problem.residual.priors)
+    priors = ", ".join(problem.residual.prior.paths)
     text = f"flat priors on the values{f' but normal ones on those measured apart ({priors})' if priors else ''}"
     text += ", zeros of the sensors marginalised, noise known"
-    if factor > _ENLARGED:
+    if factor > 1.005:
         text += f" and its variance enlarged by {factor:.3g}"
         if not np.all(row_factors(problem, factor) == factor):
             text += ", also where it was found from residuals, and that of what was measured apart (too wide there)"
     return text + (f"; held at the estimate, without information: {', '.join(held)}" if held else "")
 
 
-def _about_chains(draws: Draws) -> list[str]:
+def about_chains(draws: Draws, fewest: float) -> list[str]:
+    """Notes on chains that disagree, move too little, or take fewer of the draws proposed than the share `fewest`."""
     notes = []
     worst = max((drawn for drawn in draws.parameters if drawn.rhat is not None), key=lambda d: d.rhat or 0.0)
     if not (worst.rhat or 0.0) < LARGEST_RHAT:
@@ -277,6 +274,12 @@ def _about_chains(draws: Draws) -> list[str]:
         notes.append(
             f"The posterior's draws are worth {min(sizes):.0f} independent ones only, expected {FEWEST_EFFECTIVE} or "
             "more for the ends of an interval."
+        )
+    accepted = 1.0 - draws.failed / draws.values[:, :, 0].size
+    if accepted < fewest:
+        notes.append(
+            f"The model accepted {percent(accepted, 1.0)} of the draws proposed for the posterior, expected "
+            f"{percent(fewest, 1.0)} or more: residuals have kinks there, or bend more than a polynomial does."
         )
     return notes
 
@@ -328,68 +331,32 @@ def about_better_optima(
     return [about_better_optimum("While the posterior was learned", end.point.chi2, paths[place], number)]
 
 
-def _about_proposals(draws: Draws, fewest: float) -> list[str]:
-    accepted = 1.0 - draws.failed / draws.values[:, :, 0].size
-    if accepted >= fewest:
-        return []
-    return [
-        f"The model accepted {percent(accepted, 1.0)} of the draws proposed for the posterior, expected "
-        f"{percent(fewest, 1.0)} or more: residuals have kinks there, or bend more than a polynomial does."
-    ]
-
-
-class _PosteriorSampler(NamedTuple):
-    """A way to draw from a posterior."""
-
-    name: str
-    sample: Callable[..., Chains]
-    failure: str
-    """Description of the draws that failed."""
-    fewest: float
-    """Share of draws that must not fail, lest chains move little."""
-
-
-_SAMPLERS = {
-    "rto": _PosteriorSampler(
-        "randomize-then-optimize", sample_posterior, "proposals refused by the model", FEW_ACCEPTED
-    ),
-    # A trajectory that ends at an edge is a draw all the same.
-    "nuts": _PosteriorSampler(
-        "the No-U-Turn sampler", sample_by_trajectories, "trajectories that ended at an edge", 0.0
-    ),
-}
-
-
 def with_draws(estimate: Estimate, draws: Draws, notes: list[str], logarithmic: Bool[np.ndarray, " p"]) -> Estimate:
     """`estimate` with the intervals of `draws`, where the data say anything.
 
     They take the noise for known.  Where it was estimated the ends lie farther out, by as much as Student's t does, on
-    the scale of the fit.
+    the scale of the fit, but not beyond a bound.
     """
     parameters, most = dict(estimate.parameters), 1.0
     for drawn, by_logarithm in zip(draws.parameters, logarithmic, strict=True):
-        found = parameters[drawn.path]
-        if found.identifiable:
-            wider = float(half_width_95(found.degrees_of_freedom)) / NORMAL_95
-            low, high = (_widened(end, wider, found, bool(by_logarithm)) for end in drawn.percentile)
-            parameters[drawn.path], most = dataclasses.replace(found, interval=(low, high)), max(most, wider)
-    if most > _WIDER:
+        found, ends = parameters[drawn.path], np.array(drawn.percentile)
+        if not found.identifiable:
+            continue
+        wider = float(half_width_95(found.degrees_of_freedom)) / NORMAL_95
+        if wider != 1.0:
+            if by_logarithm and found.value > 0.0:
+                ends = found.value * (ends / found.value) ** wider
+            else:
+                ends = found.value + wider * (ends - found.value)
+            ends = np.clip(ends, *found.bounds)
+        interval = float(ends[0]), float(ends[1])
+        parameters[drawn.path], most = dataclasses.replace(found, interval=interval), max(most, wider)
+    if most > 1.01:
         more = f"up to {percent(most - 1.0, 1.0)} farther out than 95 % of the draws"
         draws = dataclasses.replace(
             draws, description=f"{draws.description}; intervals end {more}, since the noise was found from few samples"
         )
     return dataclasses.replace(estimate, parameters=parameters, draws=draws, notes=tuple(notes))
-
-
-def _widened(end: float, wider: float, found: FittedParameter, by_logarithm: bool) -> float:
-    """An `end` that lies `wider` times as far from the estimate on the scale of the fit, but not beyond a bound."""
-    if wider == 1.0:
-        return end
-    if by_logarithm and found.value > 0.0:
-        moved = found.value * (end / found.value) ** wider
-    else:
-        moved = found.value + wider * (end - found.value)
-    return float(np.clip(moved, *found.bounds))
 
 
 def _description(problem: Problem, drawing: Drawing) -> str:

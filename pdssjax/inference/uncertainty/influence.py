@@ -30,7 +30,7 @@ from ..evidence import Evidence
 from ..least_squares import Fit, Method, Progress, evaluated, quiet
 from ..parameter_transform import Box
 from ..problem import Problem
-from ..stack_first.peak_picking import PATHS, PickedStack, whitened_readings
+from ..stack_first.peak_picking import PATHS, PickedStack
 from ..stack_parameters import platform_alone_records, stack_parameters, stack_residuals
 
 LEAST_CURVATURE, MOST_CURVATURE = 0.2, 5.0
@@ -222,7 +222,7 @@ class FittedPoint:
         if self.stack is not None:
             paths = self.problem.residual.transform.paths
             earlier = np.array([i for i in earlier if paths[i] in PATHS], int)
-            readings = whitened_readings(self.stack, [path if i in earlier else "" for i, path in enumerate(paths)])
+            readings = self.stack.prior.rows([path if i in earlier else "" for i, path in enumerate(paths)])
             early, late = np.concatenate([0.0 * late, readings]), np.concatenate([late, 0.0 * readings])
         return TwoSteps(early, late, earlier, later)
 

@@ -59,7 +59,7 @@ def record_factors(problem: Problem, factor: float) -> Float[np.ndarray, " recor
 def row_factors(problem: Problem, factor: float) -> Float[np.ndarray, " n"]:
     """The factors of all residuals; what was measured apart has the error given, whatever the samples are off by."""
     sizes = [record.time.size for record in problem.records]
-    return np.append(np.repeat(record_factors(problem, factor), sizes), np.ones(len(problem.residual.priors)))
+    return np.append(np.repeat(record_factors(problem, factor), sizes), np.ones(len(problem.residual.prior.paths)))
 
 
 def linear_intervals(

@@ -36,7 +36,6 @@ from ..least_squares import Progress
 from .posterior import BLOCK, TO_JUDGE, Chains, Model, learn, task_of
 from .profile_likelihood import Evaluate
 from .randomize_then_optimize import NothingToDraw, RandomizedResiduals, Widths, log_proposed
-from .residual_polynomial import ResidualPolynomial
 
 
 class Place(NamedTuple):
@@ -92,23 +91,11 @@ class TransportedDensity(eqx.Module):
         return jnp.where(there, value, jnp.inf), jnp.where(there, slope, 0.0)
 
 
-def transported(model: Model, polynomial: ResidualPolynomial) -> TransportedDensity:
-    """The posterior of a `model` by the map that a `polynomial` makes."""
-    by_polynomial = TransportMap(polynomial, model.axes, model.held, model.factor)
-    return TransportedDensity(by_polynomial, model.evaluate, model.prior_slopes, *model.bounds)
-
-
 WARM_UP = 150
 """Trajectories from which the length of a step is learned; they are no draws."""
 
 _WARM = -1
 """The number of the block in which that is done."""
-
-_ACCEPTANCE = 0.8
-"""Mean probability of acceptance that the length of a step is learned for (Hoffman and Gelman's `delta`)."""
-
-_DEEPEST = 8
-"""Doublings of a trajectory, at most."""
 
 _BEGIN = Widths(solved=(1.2,), linear=1.0, share=0.0)
 """Widths of the mixture that chains begin in."""
@@ -121,8 +108,6 @@ _SHORT = (0.02, 0.5)
 
 
 class _Sampler(NamedTuple):
-    """Settings that all chains share."""
-
     begin: Callable[..., Any]
     """NumPyro's state at an e, for the key of random numbers and the length of a step."""
     go_on: Callable[[Any], Any]
@@ -143,9 +128,14 @@ def sample_by_trajectories(
     wanted = drawing.count or DRAWS
     blocks = range(_WARM, -(-wanted // BLOCK))
     with reading(drawing.store, "draws of the chains"):
-        kept = {task_of(entry, _shapes(entry, model.axes)): entry for entry in drawing.store.kept()}
+        p, q = model.axes.shape
+        each = dict.fromkeys(("log_posterior", "steps", "acceptance", "diverging"), (BLOCK,))
+        first, later = {"end": (q,), "step_size": ()}, {"end": (q,), "free": (BLOCK, p), **each}
+        entries = drawing.store.kept()
+        kept = {task_of(entry, first if entry["block"] == _WARM else later): entry for entry in entries}
     if any((chain, block) not in kept for chain in range(chains) for block in blocks):
-        target = transported(model, learn(model, drawing.seed, executor, report))
+        learned = TransportMap(learn(model, drawing.seed, executor, report), model.axes, model.held, model.factor)
+        target = TransportedDensity(learned, model.evaluate, model.prior_slopes, *model.bounds)
         report("posterior: compiling the sampler")
         sampler = _sampler(target)
         done = 0
@@ -200,8 +190,8 @@ def _sampler(target: TransportedDensity) -> _Sampler:
             WARM_UP,
             step_size,
             adapt_mass_matrix=False,
-            target_accept_prob=_ACCEPTANCE,
-            max_tree_depth=_DEEPEST,
+            target_accept_prob=0.8,
+            max_tree_depth=8,
             rng_key=key,
             model_args=(arrays,),
         )
@@ -324,12 +314,3 @@ class _Chain:
         value = -0.5 * float(np.sum(np.asarray(self._model.residuals(x)) ** 2)) / self._model.factor
         value += float(self._model.log_prior(x))
         return value if np.isfinite(value) else -np.inf
-
-
-def _shapes(entry: Document, axes: Float[np.ndarray, "p q"]) -> dict[str, tuple[int, ...]]:
-    """The shapes of the numbers of an `entry`, by name."""
-    shapes: dict[str, tuple[int, ...]] = {"end": axes.shape[1:]}
-    if entry["block"] == _WARM:
-        return shapes | {"step_size": ()}
-    each = dict.fromkeys(("log_posterior", "steps", "acceptance", "diverging"), (BLOCK,))
-    return shapes | {"free": (BLOCK, len(axes))} | each

@@ -22,7 +22,6 @@ from ..evidence import Evidence
 from ..least_squares import Fit, Method, Progress
 from ..losses.base import AbstractLoss
 from ..notes.about_records import listed
-from ..parameter_transform import ParameterTransform
 from ..problem import Problem
 from ..stack_first.peak_picking import PATHS, PickedStack
 from ..stack_parameters import stack_parameters
@@ -76,7 +75,6 @@ def advise(
 
 
 def _evident(evidence: Sequence[float], records: Sequence[str]) -> str:
-    """The records with evidence, quoted, as a sentence has them; "" for none."""
     return listed(f'"{name}"' for name, most in zip(records, evidence, strict=False) if most >= EVIDENT)
 
 
@@ -103,10 +101,8 @@ class _ByModel(NamedTuple):
 
 def all_error_models() -> list[AbstractErrorModel]:
     """All error models, from the strictest assumption to the weakest."""
-    found = [
-        member("inference.uncertainty.error_models", name)() for name in members("inference.uncertainty.error_models")
-    ]
-    return sorted(found, key=lambda model: model.rank)
+    family = "inference.uncertainty.error_models"
+    return sorted((member(family, name)() for name in members(family)), key=lambda model: model.rank)
 
 
 def with_error_models(estimate: Estimate, evidence: Evidence, report: Progress) -> Estimate:
@@ -124,17 +120,25 @@ def with_error_models(estimate: Estimate, evidence: Evidence, report: Progress) 
         # Residuals that are not white do not average out in the second derivative of chi-square.
         found |= _covariances(point, estimate, all_error_models()[1:], point.curvatures(report))
     free = problem.residual.transform
-    parameters = _with_errors(estimate.parameters, found, free, fit.free)
     slopes = np.abs(free.slope(fit.free))
+    parameters = dict(estimate.parameters)
+    bounds = {path: parameters[path].bounds for path in free.paths}
+    for name, by_model in found.items():
+        deviation = np.sqrt(np.diag(by_model.matrix))
+        intervals = linear_intervals(free.own(fit.free), deviation, by_model.freedom, free, bounds)
+        for path, error, freedom in zip(free.paths, deviation * slopes, by_model.freedom, strict=True):
+            p = parameters[path]
+            if np.isfinite(p.standard_error):
+                by_name = {**p.errors, name: ParameterError(float(error), intervals[path], float(freedom))}
+                parameters[path] = dataclasses.replace(p, errors=by_name)
     fitted = [record for record in estimate.records if record.role == "fit"]
     # Rounding follows the motion as a misfit does, and is none.
     misfits = zip(fitted, for_models["with-misfit"], strict=True)
     for_models["with-misfit"] = [0.0 if leaves_unresolved(record) else most for record, most in misfits]
     advice = advise(parameters, for_models, [record.name for record in problem.records])
     if advice is not None and not estimate.converged:
-        advice = advice._replace(
-            reason=f"The fit did not converge: its errors are those of no optimum. {advice.reason}"
-        )
+        reason = f"The fit did not converge: its errors are those of no optimum. {advice.reason}"
+        advice = advice._replace(reason=reason)
     return dataclasses.replace(
         estimate,
         parameters=parameters,
@@ -172,7 +176,6 @@ def _covariances(
     models: Sequence[AbstractErrorModel],
     curvatures: Sequence[Float[np.ndarray, "p k"]] | None,
 ) -> dict[str, "_ByModel"]:
-    """The errors by each of the `models`, by its name."""
     own = point.problem.residual.transform
     effect, unknown = own.own_effect(point.influence(curvatures)), own.tied_to(~point.known)
     records, out = _record_errors(point, estimate, effect), {}
@@ -187,27 +190,6 @@ def _covariances(
         known_from = effective_freedom(np.diag(matrix), variances, freedom, pooled)
         out[model.name] = _ByModel(matrix, known_from, [share.evidence for share in shares])
     return out
-
-
-def _with_errors(
-    parameters: Mapping[str, FittedParameter],
-    found: Mapping[str, _ByModel],
-    free: ParameterTransform,
-    at: Float[np.ndarray, " p"],
-) -> dict[str, FittedParameter]:
-    """The `parameters` that have a standard error with those `found` by the error models."""
-    errors: dict[str, dict[str, ParameterError]] = {path: {} for path in free.paths}
-    slopes = np.abs(free.slope(at))
-    bounds = {path: parameters[path].bounds for path in free.paths}
-    for name, by_model in found.items():
-        deviation = np.sqrt(np.diag(by_model.matrix))
-        intervals = linear_intervals(free.own(at), deviation, by_model.freedom, free, bounds)
-        for path, error, freedom in zip(free.paths, deviation * slopes, by_model.freedom, strict=True):
-            errors[path][name] = ParameterError(float(error), intervals[path], float(freedom))
-    return {
-        path: dataclasses.replace(p, errors=errors[path]) if p.free and np.isfinite(p.standard_error) else p
-        for path, p in parameters.items()
-    }
 
 
 def robust_covariance(
@@ -302,10 +284,10 @@ def _covariance_with_priors(point: FittedPoint, effect: Float[np.ndarray, "n p"]
     """
     residual, out = point.problem.residual, np.zeros(effect.shape[1])
     effect = residual.transform.own_effect(effect)
-    for row, path in enumerate(residual.priors, point.problem.rows_apart.start):
+    for row, path in enumerate(residual.prior.paths, point.problem.rows_apart.start):
         place = residual.transform.paths.index(path)
         if point.stack is not None and path in PATHS:
-            out[place] = point.stack.covariance[PATHS.index(path), PATHS.index(path)]
+            out[place] = point.stack.prior.covariance[PATHS.index(path), PATHS.index(path)]
         elif point.jacobian[row, place] != 0.0:
             out[place] = effect[row, place] / point.jacobian[row, place]
     return out

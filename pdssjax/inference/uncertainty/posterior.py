@@ -180,51 +180,41 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
     valley that far, it begins with the curvature at the optimum alone; where kinks pass for curvature, so that
     polynomials fold over everywhere, it is the linear model.
     """
-    ends = [end.point for end in model.ends.values()]
+    moving = model.axes.shape[1]
+    count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
+
+    def rounds(
+        polynomial: ResidualPolynomial, points: list[Linearisation], numbers: range
+    ) -> tuple[ResidualPolynomial, bool]:
+        """A polynomial learned round after round, from `points` and draws of the one before; whether they agree."""
+        agrees = False
+        for number in numbers:
+            report(f"posterior: learning the residuals, round {number + 1}")
+            proposed = model.proposals(polynomial, _WIDTHS, count, stream(seed, "learn", number))
+            there = linearise_all(model.evaluate, list(proposed.free), executor)
+            exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
+            weight = model.log_prior(proposed.free) - proposed.log_proposed
+            agrees = in_common(exact + weight, proposed.log_learned + weight) > _AGREEMENT
+            points = [*points, *there]
+            if not agrees:
+                points += solved_further(model, proposed, there, executor)
+            most = polynomial.degree if agrees else _MOST
+            polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor, most).turned()
+            if agrees:
+                break
+        return polynomial, agrees
+
     # A polynomial that folds over near the optimum has hardly any draws.
     with contextlib.suppress(NothingToDraw):
-        learned, agreement = _rounds(model, model.first, ends, range(_TRIED), seed, executor, report)
-        if agreement > _AGREEMENT:
+        learned, agrees = rounds(model.first, [end.point for end in model.ends.values()], range(_TRIED))
+        if agrees:
             return learned
     likelihood = ProfileLikelihood(model.evaluate, model.optimum, 1.0, model.bounds, executor=executor)
     near = likelihood.shared.at_optimum
-    first = of_second_order(model.optimum, near, model.axes)
     with contextlib.suppress(NothingToDraw):
-        return _rounds(model, first, [], range(_TRIED, _TRIED + _ROUNDS), seed, executor, report)[0]
+        first = of_second_order(model.optimum, near, model.axes)
+        return rounds(first, [], range(_TRIED, _TRIED + _ROUNDS))[0]
     return of_second_order(model.optimum, near._replace(second=np.zeros_like(near.second)), model.axes)
-
-
-def _rounds(
-    model: Model,
-    polynomial: ResidualPolynomial,
-    points: list[Linearisation],
-    numbers: range,
-    seed: int,
-    executor: Executor | None,
-    report: Progress,
-) -> tuple[ResidualPolynomial, float]:
-    """A polynomial learned from the `points` and from draws of a `polynomial`, round after round, until it agrees.
-
-    **Returns:** with it the overlap of the model's density with that of the polynomial of the round before.
-    """
-    moving, agreement = model.axes.shape[1], 0.0
-    count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
-    for number in numbers:
-        report(f"posterior: learning the residuals, round {number + 1}")
-        proposed = model.proposals(polynomial, _WIDTHS, count, stream(seed, "learn", number))
-        there = linearise_all(model.evaluate, list(proposed.free), executor)
-        exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
-        weight = model.log_prior(proposed.free) - proposed.log_proposed
-        agreement = in_common(exact + weight, proposed.log_learned + weight)
-        points = [*points, *there]
-        good = agreement > _AGREEMENT
-        if not good:
-            points += solved_further(model, proposed, there, executor)
-        most = polynomial.degree if good else _MOST
-        polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor, most).turned()
-        if good:
-            break
-    return polynomial, agreement
 
 
 def solved_further(
@@ -232,36 +222,26 @@ def solved_further(
 ) -> list[Linearisation]:
     """Linearisations on the way from the polynomial's solutions to those of the model.
 
+    What the polynomial has for parameters at bounds is what they have.
+
     **Arguments:** the draws `proposed` by a polynomial, and the model's linearisations `there`.
     """
     basis = np.asarray(tangents(model.optimum.jacobian @ model.axes @ np.asarray(model.held.free_directions())))
-    free = slice(model.held.rates.size, None)
+    held = model.held.rates.size
     found: list[Linearisation] = []
     due = list(zip(proposed.randomized, there, strict=True))
     for _ in range(_NEWTON):
-        left = [target[free] - basis.T @ point.residual for target, point in due]
-        unsolved = [
-            (target, np.clip(point.at + model.axes @ _newton_step(model, basis, point, rest), *model.bounds))
-            for (target, point), rest in zip(due, left, strict=True)
-            if np.isfinite(point.chi2) and np.linalg.norm(rest) > _SOLVED * np.sqrt(model.factor)
-        ]
-        places = [place for _, place in unsolved]
-        due = list(
-            zip([target for target, _ in unsolved], linearise_all(model.evaluate, places, executor), strict=True)
-        )
+        targets, places = [], []
+        for target, point in due:
+            rest = target[held:] - basis.T @ point.residual
+            if np.isfinite(point.chi2) and np.linalg.norm(rest) > _SOLVED * np.sqrt(model.factor):
+                rows = np.concatenate([model.held.rows, basis.T @ point.jacobian @ model.axes])
+                step = np.linalg.lstsq(rows, np.append(np.zeros(held), rest))[0]
+                targets.append(target)
+                places.append(np.clip(point.at + model.axes @ step, *model.bounds))
+        due = list(zip(targets, linearise_all(model.evaluate, places, executor), strict=True))
         found += [point for _, point in due]
     return found
-
-
-def _newton_step(
-    model: Model, basis: Float[np.ndarray, "n q-k"], point: Linearisation, left: Float[np.ndarray, " q-k"]
-) -> Float[np.ndarray, " q"]:
-    """The step along the axes that solves the equation by the linear model at a `point`.
-
-    What the polynomial has for parameters at bounds is what they have.
-    """
-    rows = np.concatenate([model.held.rows, basis.T @ point.jacobian @ model.axes])
-    return np.linalg.lstsq(rows, np.append(np.zeros(len(model.held.rows)), left))[0]
 
 
 def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
@@ -316,7 +296,7 @@ def sample_posterior(
     due = [(chain, block) for block in range(blocks) for chain in range(chains) if (chain, block) not in kept]
     if due:
         learned = learn(model, drawing.seed, executor, report)
-        work = functools.partial(_judged, model, learned, drawing.seed)
+        work = functools.partial(_judge_block, model, learned, drawing.seed)
         for done, (task, entry) in enumerate(each_done(work, due, executor), 1):
             drawing.store.keep(entry)
             kept[task] = entry
@@ -339,7 +319,10 @@ def corrected(log_weights: Float[np.ndarray, " n"], random: np.random.Generator)
 
     It begins at one of the first, each as probable as its weight, lest it has to find the posterior.
     """
-    at, places = _begin(log_weights[:BLOCK], random), np.zeros(log_weights.size, int)
+    first, at, places = log_weights[:BLOCK], 0, np.zeros(log_weights.size, int)
+    if np.isfinite(np.max(first)):
+        weights = np.exp(first - np.max(first))
+        at = int(random.choice(first.size, p=weights / np.sum(weights)))
     chances = np.log(random.random(log_weights.size))
     for number in range(log_weights.size):
         if chances[number] + log_weights[at] <= log_weights[number]:
@@ -348,15 +331,7 @@ def corrected(log_weights: Float[np.ndarray, " n"], random: np.random.Generator)
     return places
 
 
-def _begin(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) -> int:
-    highest = np.max(log_weights)
-    if not np.isfinite(highest):
-        return 0
-    weights = np.exp(log_weights - highest)
-    return int(random.choice(log_weights.size, p=weights / np.sum(weights)))
-
-
-def _judged(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[int, int]) -> Document:
+def _judge_block(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[int, int]) -> Document:
     """A block of proposals with the model's density at each, complete, so that the block need not be drawn again."""
     proposed = model.proposals(learned, TO_JUDGE, BLOCK, stream(seed, "propose", *task))
     chi2 = [float(np.sum(np.asarray(model.residuals(free)) ** 2)) for free in proposed.free]

@@ -38,9 +38,6 @@ _SHOWN = 12
 _OFF = 0.02
 """Share of the threshold that the others may still gain at a point by the linear model; beyond it they move."""
 
-_CORRECTIONS = 8
-"""Evaluations at most to bring a point into the valley."""
-
 
 class Curve(NamedTuple):
     """One side or both, the profiled parameter on the scale of the fit and ascending."""
@@ -74,7 +71,7 @@ class _Node(NamedTuple):
 
 def profile_curve(likelihood: ProfileLikelihood, index: int, ends: tuple[End, End]) -> Curve:
     """Both sides of the profile of the parameter `index`, between its `ends`: lower and upper."""
-    low, high = (_Side(likelihood, index).run(end.point) for end in ends)
+    low, high = (_Valley(likelihood, index).side(end.point) for end in ends)
     return Curve(
         np.concatenate([low.value[::-1], high.value[1:]]),
         np.concatenate([low.excess[::-1], high.excess[1:]]),
@@ -85,7 +82,7 @@ def profile_curve(likelihood: ProfileLikelihood, index: int, ends: tuple[End, En
     )
 
 
-class _Side:
+class _Valley:
     """The valley between the optimum and one end."""
 
     def __init__(self, likelihood: ProfileLikelihood, index: int):
@@ -94,37 +91,33 @@ class _Side:
         self.aim = Aim(index, 1.0, self.optimum.chi2, self.low, self.high, likelihood.sizes)
         self.evaluations, self.missed = 0, float("nan")
 
-    def run(self, end: Linearisation) -> Curve:
+    def side(self, end: Linearisation) -> Curve:
         """Follow the valley from the optimum to the `end`."""
         first, last = self._node(self.optimum), self._node(end)
         if not (np.isfinite(last.excess) and end.at[self.index] != self.optimum.at[self.index]):
             nothing = np.zeros(1)
             return Curve(self.optimum.at[[self.index]], nothing, nothing == 0.0, float("nan"), 0.0, 0)
         nodes = [first, *self._between(first, last, _HALVINGS), last]
-        at = np.array([node.point.at[self.index] for node in nodes])
         heights = np.array([node.excess for node in nodes])
-        segments = list(itertools.pairwise(nodes))
-        shown = _SHOWN // len(segments)
-        value = np.concatenate([[at[0]], *(np.linspace(*pair, shown + 1)[1:] for pair in itertools.pairwise(at))])
-        excess = [
-            _cubic(*segment, self.index, v)
-            for k, segment in enumerate(segments)
-            for v in value[1:].reshape(-1, shown)[k]
-        ]
+        shown = _SHOWN // (len(nodes) - 1)
+        values, excess = [first.point.at[self.index]], [0.0]
+        for begin, stop in itertools.pairwise(nodes):
+            on_way = np.linspace(begin.point.at[self.index], stop.point.at[self.index], shown + 1)[1:]
+            values += list(on_way)
+            excess += [self._cubic(begin, stop, value) for value in on_way]
         falls = float(np.max(np.maximum.accumulate(heights) - heights)) / self.threshold
-        computed = np.arange(value.size) % shown == 0
-        return Curve(value, np.array([0.0, *excess]), computed, self.missed, falls, self.evaluations)
+        computed = np.arange(len(values)) % shown == 0
+        return Curve(np.array(values), np.array(excess), computed, self.missed, falls, self.evaluations)
 
     def _between(self, one_end: _Node, other_end: _Node, halvings: int) -> list[_Node]:
         """Nodes between two others, in their order."""
         if not halvings:
             return []
         at = 0.5 * (one_end.point.at[self.index] + other_end.point.at[self.index])
-        node = self._corrected(self._linearised(self._valley(one_end, other_end, at)))
+        node = self._corrected(self._linearised(self._interpolated(one_end, other_end, at)))
         if not np.isfinite(node.excess):
             return []
-        foretold = _cubic(one_end, other_end, self.index, at)
-        missed = abs(node.excess - foretold) / self.threshold
+        missed = abs(node.excess - self._cubic(one_end, other_end, at)) / self.threshold
         if halvings < _HALVINGS or missed < _BENT:
             # Of a cubic between points half as far apart: a sixteenth of what was missed before it was halved.
             self.missed = float(np.fmax(self.missed, missed if halvings < _HALVINGS else missed / 16.0))
@@ -135,7 +128,7 @@ class _Side:
     def _corrected(self, point: Linearisation) -> _Node:
         """The node at a `point`, after steps of the others that bring it into the valley where it is off."""
         node, share = self._node(point), 1.0
-        for _ in range(_CORRECTIONS):
+        for _ in range(8):
             if not point.chi2 - self.optimum.chi2 - node.excess > _OFF * self.threshold:
                 break
             nearer = self._linearised(point.at + share * self._best(point))
@@ -144,7 +137,7 @@ class _Side:
                 point, node = nearer, self._node(nearer)
         return node
 
-    def _valley(self, one_end: _Node, other_end: _Node, at: float) -> Float[np.ndarray, " p"]:
+    def _interpolated(self, one_end: _Node, other_end: _Node, at: float) -> Float[np.ndarray, " p"]:
         """All parameters where the profiled one is `at`."""
         near, far = one_end.point.at, other_end.point.at
         guess = _hermite(near[self.index], far[self.index], near, far, one_end.tangent, other_end.tangent, at)
@@ -155,6 +148,11 @@ class _Side:
         if curvature is None:
             return guess
         return nearer.at + lowest(SecondOrder(nearer, curvature), nearer.at, guess - nearer.at, self.aim)
+
+    def _cubic(self, one_end: _Node, other_end: _Node, at: float) -> float:
+        low, high = one_end.point.at[self.index], other_end.point.at[self.index]
+        first, last = np.array(one_end.excess), np.array(other_end.excess)
+        return float(_hermite(low, high, first, last, np.array(one_end.slope), np.array(other_end.slope), at))
 
     def _node(self, point: Linearisation) -> _Node:
         """The node of the valley near a point, by the linear model."""
@@ -175,21 +173,11 @@ class _Side:
         return np.clip(point.at + step, self.low, self.high) - point.at
 
     def _others(self, point: Linearisation) -> Bool[np.ndarray, " p"]:
-        """The parameters besides the profiled one that are not at a bound."""
         return (point.at > self.low) & (point.at < self.high) & (np.arange(point.at.size) != self.index)
 
     def _linearised(self, at: Float[np.ndarray, " p"]) -> Linearisation:
         self.evaluations += 1
         return linearise(self.likelihood.evaluate, at)
-
-
-def _cubic(one_end: _Node, other_end: _Node, index: int, at: float) -> float:
-    """The excess between two nodes."""
-    low, high = one_end.point.at[index], other_end.point.at[index]
-    first, last, slope_first, slope_last = (
-        np.array(value) for value in (one_end.excess, other_end.excess, one_end.slope, other_end.slope)
-    )
-    return float(_hermite(low, high, first, last, slope_first, slope_last, at))
 
 
 def _hermite(
@@ -201,16 +189,18 @@ def _hermite(
     slope_last: Float[np.ndarray, "*shape"],
     at: float,
 ) -> Float[np.ndarray, "*shape"]:
-    """The cubic with values and slopes given at `low` and `high`, limited so that it stays between the values."""
+    """The cubic with values and slopes given at `low` and `high`.
+
+    Slopes are limited so that it stays between the values (F. N. Fritsch and R. E. Carlson, SIAM J. Num. Anal. 17(2),
+    1980).
+    """
     width, rise = high - low, last - first
-    t = (at - low) / width
-    start, end = (_limited(width * slope, rise) for slope in (slope_first, slope_last))
+    t, steepest = (at - low) / width, 3.0 * np.abs(rise)
+    start, end = (
+        np.where(gain * rise > 0.0, np.clip(gain, -steepest, steepest), 0.0)
+        for gain in (width * slope_first, width * slope_last)
+    )
     return first + t * (start + t * (3.0 * rise - 2.0 * start - end + t * (start + end - 2.0 * rise)))
-
-
-def _limited(slope: Float[np.ndarray, "*shape"], rise: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """A slope that keeps a cubic between its ends (F. N. Fritsch and R. E. Carlson, SIAM J. Num. Anal. 17(2), 1980)."""
-    return np.where(slope * rise > 0.0, np.clip(slope, -3.0 * np.abs(rise), 3.0 * np.abs(rise)), 0.0)
 
 
 FALLS = 0.05
@@ -272,14 +262,14 @@ def with_profile_intervals(
     kept = [path for path in transform.paths if estimate.parameters[path].identifiable]
     tied = [path for path in kept if transform.along(path) is not transform]
     rest = thresholds, evidence.variance_factor, executor, report
-    estimate = _profiled(estimate, evidence.problem, evidence.fit, [p for p in kept if p not in tied], *rest)
+    estimate = _with_profiles(estimate, evidence.problem, evidence.fit, [p for p in kept if p not in tied], *rest)
     for path in tied:  # each in numbers of the fit of which it is one
-        estimate = _profiled(estimate, *_along(path, evidence.problem, evidence.fit), [path], *rest)
+        estimate = _with_profiles(estimate, *_in_coordinates_of(path, evidence.problem, evidence.fit), [path], *rest)
     order = [profile for path in kept for profile in estimate.profiles if profile.path == path]
     return dataclasses.replace(estimate, profiles=tuple(order))
 
 
-def _along(path: str, problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+def _in_coordinates_of(path: str, problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     """A problem and its fit in numbers of which one is the parameter `path` on its own scale."""
     before = problem.residual.transform
     after = before.along(path)
@@ -290,7 +280,7 @@ def _along(path: str, problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     return problem._replace(residual=residual), fit._replace(free=free, state=state)
 
 
-def _profiled(
+def _with_profiles(
     estimate: Estimate,
     problem: Problem,
     fit: Fit,
@@ -300,36 +290,58 @@ def _profiled(
     executor: Executor | None,
     report: Progress,
 ) -> Estimate:
-    """`estimate` with profiles and intervals of the parameters `kept`."""
-    paths = problem.residual.transform.paths
-    optimum = linearisation_at(fit)
+    transform, optimum, (low, high) = problem.residual.transform, linearisation_at(fit), problem.bounds
+    places = {path: transform.paths.index(path) for path in kept}
     report("curvature at the optimum")
     likelihood = ProfileLikelihood(problem.linearised, optimum, thresholds, problem.bounds, factor, executor)
-    both, (low, high) = [(paths.index(path), side) for path in kept for side in SIDES], problem.bounds
     at_bound = {-1.0: optimum.at <= low, 1.0: optimum.at >= high}
-    which = [(index, side) for index, side in both if not at_bound[side][index]]
+    which = [(index, side) for index in places.values() for side in SIDES if not at_bound[side][index]]
     found = likelihood.ends(which, lambda done: report(f"intervals: {done} of {len(which)} ends"))
 
-    def ends_of(path: str) -> tuple[End, End]:
-        """Both ends of a parameter: those found, or the bound that it lies at."""
-        index = paths.index(path)
-        bound = End(float(optimum.at[index]), Verdict.AT_BOUND, optimum, 0)
-        ends = (_opened(found.get((index, side), bound), side, estimate.parameters[path], problem) for side in SIDES)
-        return next(ends), next(ends)
+    def end_of(path: str, side: float) -> End:
+        """The end found, or the bound that the parameter lies at."""
+        index, bound = places[path], estimate.parameters[path].bounds[side > 0]
+        end = found.get((index, side), End(float(optimum.at[index]), Verdict.AT_BOUND, optimum, 0))
+        # Where a fit could reach, and no bound of the parameter, an end is open.  Of a legal range the fit leaves out a
+        # millionth at its upper end.
+        if end.verdict == Verdict.AT_BOUND and not np.isclose(
+            _in_si(problem, end.point.at, index, end.value), bound, rtol=1e-5, atol=0.0
+        ):
+            return end._replace(value=side * np.inf, verdict=Verdict.FLAT)
+        return end
 
-    pairs = {path: ends_of(path) for path in kept}
-    draw = lambda path: profile_curve(likelihood, paths.index(path), pairs[path])
+    pairs = {path: (end_of(path, SIDES[0]), end_of(path, SIDES[1])) for path in kept}
     curves: dict[str, Curve] = {}
-    for path, curve in each_done(draw, kept, executor):
+    for path, curve in each_done(lambda path: profile_curve(likelihood, places[path], pairs[path]), kept, executor):
         curves[path] = curve
         report(f"profiles: {len(curves)} of {len(kept)} parameters")
     parameters, notes, profiles = dict(estimate.parameters), list(estimate.notes), list(estimate.profiles)
-    for path in kept:
-        index, parameter, ends = paths.index(path), estimate.parameters[path], pairs[path]
-        interval = _value(problem, index, ends[0]), _value(problem, index, ends[1])
+    for path, index in places.items():
+        parameter, ends, curve = estimate.parameters[path], pairs[path], curves[path]
+        threshold = float(likelihood.thresholds[index])
+        # Open ends are infinite, but that of a logarithm is 0 below; NaN stays NaN.
+        unbounded = {-np.inf: 0.0 if transform.logarithmic[index] else -np.inf, np.inf: np.inf}
+        low_end, high_end = (
+            _in_si(problem, end.point.at, index, end.value)
+            if np.isfinite(end.value)
+            else unbounded.get(end.value, float("nan"))
+            for end in ends
+        )
         verdicts = str(ends[0].verdict), str(ends[1].verdict)
-        parameters[path] = dataclasses.replace(parameter, interval=interval, verdicts=verdicts)
-        profiles.append(_profile(problem, likelihood, index, curves[path], ends))
+        parameters[path] = dataclasses.replace(parameter, interval=(low_end, high_end), verdicts=verdicts)
+        profiles.append(
+            Profile(
+                path=path,
+                value=np.array([_in_si(problem, optimum.at, index, value) for value in curve.value]),
+                excess=curve.excess,
+                linear=threshold * ((curve.value - optimum.at[index]) / likelihood.sizes[index]) ** 2,
+                computed=curve.computed,
+                threshold=threshold,
+                verdict=verdict_of(ends, curve),
+                quality=curve.quality,
+                evaluations=curve.evaluations + sum(end.evaluations for end in ends),
+            )
+        )
         notes += notes_of(parameter, problem, ends, float(optimum.at[index]))
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
 
@@ -351,46 +363,6 @@ def _thresholds(estimate: Estimate, evidence: Evidence) -> Float[np.ndarray, " p
     return half_width_95(freedom) ** 2 * np.nan_to_num(ratio, nan=evidence.variance_factor)
 
 
-def _opened(end: End, side: float, parameter: FittedParameter, problem: Problem) -> End:
-    """An `end` that is where the fit could reach, and no bound of the `parameter`, as what it is: open."""
-    if end.verdict != Verdict.AT_BOUND:
-        return end
-    index = problem.residual.transform.paths.index(parameter.path)
-    bound = parameter.bounds[side > 0]
-    # Of a legal range the fit leaves out a millionth at its upper end.
-    if np.isclose(_in_si(problem, end.point.at, index, end.value), bound, rtol=1e-5, atol=0.0):
-        return end
-    return end._replace(value=side * np.inf, verdict=Verdict.FLAT)
-
-
-def _profile(
-    problem: Problem, likelihood: ProfileLikelihood, index: int, curve: Curve, ends: tuple[End, ...]
-) -> Profile:
-    optimum, threshold = likelihood.optimum, float(likelihood.thresholds[index])
-    return Profile(
-        path=problem.residual.transform.paths[index],
-        value=np.array([_in_si(problem, optimum.at, index, value) for value in curve.value]),
-        excess=curve.excess,
-        linear=threshold * ((curve.value - optimum.at[index]) / likelihood.sizes[index]) ** 2,
-        computed=curve.computed,
-        threshold=threshold,
-        verdict=verdict_of(ends, curve),
-        quality=curve.quality,
-        evaluations=curve.evaluations + sum(end.evaluations for end in ends),
-    )
-
-
 def _in_si(problem: Problem, at: Float[np.ndarray, " p"], index: int, value: float) -> float:
-    """One number of the fit's scale in its own unit."""
     moved = np.where(np.arange(at.size) == index, value, at)
     return float(problem.decode(moved)[problem.residual.transform.paths[index]])
-
-
-def _value(problem: Problem, index: int, end: End) -> float:
-    """The end in the parameter's own unit: infinite or zero where a logarithm is flat, NaN where not followed."""
-    if np.isnan(end.value):
-        return float("nan")
-    if not np.isfinite(end.value):
-        positive = bool(problem.residual.transform.logarithmic[index])
-        return 0.0 if positive and end.value < 0 else float(end.value)
-    return _in_si(problem, end.point.at, index, end.value)

@@ -100,10 +100,6 @@ def probe_places(
     return [place for place in places if np.any(place != at)]
 
 
-_GROWTH = 1.1
-"""Growth of the number of points after which the polynomial is learned again, which may take longer than they do."""
-
-
 class SharedCurvature:
     """The curvature that all searches around an `optimum` share, from `probes` near it on.
 
@@ -127,17 +123,13 @@ class SharedCurvature:
         self.due = count_points(optimum.at.size)
         """Number of linearisations, the optimum's among them, from which the polynomial is learned next."""
 
-    @property
-    def known(self) -> bool:
-        """Whether there is a polynomial."""
-        return self.polynomial is not None
-
     def learn(self, points: Sequence[Linearisation]) -> None:
         """Refit the residual polynomial to further linearisations."""
         self.points += points
         if self.learns and len(self.points) + 1 >= self.due:
             self.polynomial = learned_polynomial(self.optimum, self.points, self.scale, self.factor)
-            self.due = int(_GROWTH * len(self.points)) + 1
+            # Not for every point: learning may take longer than they do.
+            self.due = int(1.1 * len(self.points)) + 1
 
     def at(self, place: Float[np.ndarray, " p"]) -> Curvature | None:
         """The curvature at a place by the polynomial, if there is one."""
@@ -161,9 +153,6 @@ _KINKED = 2e-2
 
 _TRUSTED = 0.1, 1.0
 """Least and largest first radius of trust, in half widths of the linear interval."""
-
-_ANEW = 0.3
-"""Least radius of trust where the curvature has just been learned anew."""
 
 _OFF = 5.0
 """Thresholds above the target that a point may lie where the shared polynomial tells the way from it."""
@@ -216,38 +205,43 @@ class EndSearch:
 
     def run(self) -> PointRequests:
         """Follow the models' ends until they stay where they are."""
-        point, model = self.optimum, self._model(self.optimum)
+        index, point, model = self.aim.index, self.optimum, self._model(self.optimum)
         radius = self._first_radius(model)
         while self.evaluations < MOST_EVALUATIONS:
             step = follow(model, self.aim.shifted(point.at, radius))
-            found, length = (yield from self._linearised(point.at + step)), self._length(step)
+            found = yield from self._linearised(point.at + step)
             predicted = float(np.sum(model(step)[0] ** 2))
             missed = abs(found.chi2 - predicted) / (abs(predicted - point.chi2) + self.threshold)
             # Off the valley by little: the next step comes back to it.
             off = (found.chi2 - max(point.chi2, self.aim.target)) / self.threshold
-            if (missed < 0.5 and off < 1.0) or (off < _OFF and self.shared.known and not self.alone):
+            is_shared = self.shared.polynomial is not None and not self.alone
+            if (missed < 0.5 and off < 1.0) or (off < _OFF and is_shared):
                 radius *= 3.0 if missed < 0.1 else 1.0
-                if self.alone or not self.shared.known:
+                if not is_shared:
                     self.local = self.local.with_step(point, found)
                 point, model = found, self._model(found)
-                end = self._ended(point, model)
+                end = self._end_at(point, model)
                 if end is not None:
                     return end
                 impatient = self.evaluations - self.learned_at >= _PATIENCE
                 if impatient and self.nearest[0] < _KINKED and self.learned_for is not None:
                     break
             else:
-                radius = 0.25 * min(radius, max(length, _SMALLEST))
+                radius = 0.25 * min(radius, max(abs(step[index]) / self.aim.sizes[index], _SMALLEST))
                 impatient = radius < _SMALLEST
                 if impatient and self.learned_for is point:
                     break
-                if not self.shared.known and self._misled(point, step, found.chi2, predicted):
+                linear = float(np.sum((point.residual + point.jacobian @ step) ** 2))
+                straighter = np.isfinite(found.chi2) and abs(found.chi2 - linear) < abs(found.chi2 - predicted)
+                if self.shared.polynomial is None and straighter:
+                    # What passes for curvature is none: a kink near the optimum does.
                     self.local = learned_curvature(point, [], self.local.scale)
                 model = self._model(point)
             if impatient:
-                yield from self._learn_anew(point)
-                radius, model = max(radius, _ANEW), self._model(point)
-        return self._given_up()
+                yield from self._probe_curvature(point)
+                radius, model = max(radius, 0.3), self._model(point)
+        error, point = self.nearest  # chi-square may have kinks there that no model knows
+        return self._end(point, Verdict.BOUNDED if error < _KINKED else Verdict.LOST)
 
     def _first_radius(self, model: SecondOrder) -> float:
         """Radius within which the error of the model may be expected to stay below the threshold.
@@ -264,25 +258,20 @@ class EndSearch:
         shared = None if self.alone else self.shared.at(point.at)
         return SecondOrder(point, self.local if shared is None else shared)
 
-    def _misled(self, point: Linearisation, step: Float[np.ndarray, " p"], found: float, predicted: float) -> bool:
-        """Whether what passes for curvature is none (a kink near the optimum does)."""
-        linear = float(np.sum((point.residual + point.jacobian @ step) ** 2))
-        return bool(np.isfinite(found) and abs(found - linear) < abs(found - predicted))
-
-    def _learn_anew(self, point: Linearisation) -> Generator[Float[np.ndarray, " p"], Linearisation, None]:
-        """The curvature at a point far from the optimum."""
+    def _probe_curvature(self, point: Linearisation) -> Generator[Float[np.ndarray, " p"], Linearisation, None]:
+        """Learn the curvature at a point far from the optimum."""
+        places = probe_places(point.at, self.aim.sizes, self.local.scale, (self.aim.low, self.aim.high))
         probes: list[Linearisation] = []
-        for place in probe_places(point.at, self.aim.sizes, self.local.scale, (self.aim.low, self.aim.high)):
-            found = yield from self._linearised(place)
-            probes.append(found)
+        for place in places:
+            probe = yield from self._linearised(place)
+            probes.append(probe)
         self.alone, self.local = True, learned_curvature(point, probes, self.local.scale)
         self.learned_at, self.learned_for = self.evaluations, point
 
-    def _ended(self, point: Linearisation, model: SecondOrder) -> End | None:
-        """The end, where the search is over at this `point`."""
+    def _end_at(self, point: Linearisation, model: SecondOrder) -> End | None:
         if point.chi2 < self.optimum.chi2 - 0.01 * self.threshold:
             return self._end(point, Verdict.LOWER)
-        gain, slope = self._valley(point, model)
+        gain, slope = self._gain_of_others(point, model)
         missed = (point.chi2 - gain - self.aim.target) / self.threshold
         error = abs(missed) + gain / self.threshold
         if error < self.nearest[0]:
@@ -298,7 +287,7 @@ class EndSearch:
             return self._end(point, Verdict.FLAT)
         return None
 
-    def _valley(self, point: Linearisation, model: SecondOrder) -> tuple[float, float]:
+    def _gain_of_others(self, point: Linearisation, model: SecondOrder) -> tuple[float, float]:
         """Decrease of chi-square that the other parameters allow within the bounds, and its slope there.
 
         By the model or by a linear one, whichever says more: curvature may be wrong, where the gradient is not.
@@ -311,16 +300,6 @@ class EndSearch:
             gains.append((point.chi2 - tangent(step), 2.0 * float(tangent.jacobian[:, self.aim.index] @ rest)))
         return max(gains)
 
-    def _given_up(self) -> End:
-        """The nearest point to an end, where chi-square has kinks that no model knows."""
-        error, point = self.nearest
-        return self._end(point, Verdict.BOUNDED if error < _KINKED else Verdict.LOST)
-
-    def _length(self, step: Float[np.ndarray, " p"]) -> float:
-        """Length of a step in the trust region's norm: the profiled parameter's part, in linear half widths."""
-        index = self.aim.index
-        return float(abs(step[index]) / self.aim.sizes[index])
-
     def _linearised(
         self, at: Float[np.ndarray, " p"]
     ) -> Generator[Float[np.ndarray, " p"], Linearisation, Linearisation]:
@@ -330,10 +309,7 @@ class EndSearch:
     def _end(self, point: Linearisation, verdict: Verdict, beyond: float = 0.0) -> End:
         index = self.aim.index
         value = float(np.clip(point.at[index] + beyond, self.aim.low[index], self.aim.high[index]))
-        if verdict == Verdict.FLAT:
-            value = self.aim.side * np.inf
-        if verdict == Verdict.LOST:
-            value = float("nan")
+        value = {Verdict.FLAT: self.aim.side * np.inf, Verdict.LOST: float("nan")}.get(verdict, value)
         return End(value, verdict, point, self.evaluations)
 
 

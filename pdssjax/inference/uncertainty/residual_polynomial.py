@@ -26,14 +26,8 @@ MOST_TERMS = 1000
 _FAR = 400.0
 """Excess of chi-square from which a point tells nothing of a posterior."""
 
-_DOUBTFUL = 20.0
-"""Excess of chi-square, beyond what is usual, at which a point counts half as much."""
-
 _SLOPES = 0.5
 """Weight of a derivative beside a value."""
-
-_RIDGE = 1e-3
-"""Weight that draws what no point tells of bends to zero."""
 
 
 class ResidualPolynomial(eqx.Module):
@@ -132,16 +126,21 @@ def learned_polynomial(
     from scipy.linalg import solve_triangular  # an eighth of a second that most runs do not need
 
     moving = axes.shape[1]
-    used, excess = _near(optimum, points, factor, count_points(moving))
+    ordered = sorted([optimum, *(p for p in points if np.isfinite(p.chi2))], key=lambda point: point.chi2)
+    excess = np.array([(point.chi2 - optimum.chi2) / factor for point in ordered])
+    count = max(int(np.sum(excess < _FAR)), min(count_points(moving), len(ordered)))
+    used, excess = ordered[:count], excess[:count]
     determined = [degree for degree in range(4, most + 1) if count_points(moving, degree) <= len(used)]
     degree = degree_for(moving, max([3, *determined]))
     inverse = np.linalg.pinv(axes)
     offsets = np.stack([point.at - optimum.at for point in used]) @ inverse.T
     widths = np.linalg.cholesky(offsets.T @ offsets / len(used) + 1e-6 * np.eye(moving))
     z = np.linalg.solve(widths, offsets.T).T
-    weights = 1.0 / np.sqrt(1.0 + np.maximum(excess - moving, 0.0) / _DOUBTFUL)
+    # A point this far above what is usual counts half as much.
+    weights = 1.0 / np.sqrt(1.0 + np.maximum(excess - moving, 0.0) / 20.0)
     rows = np.stack([np.asarray(_hermite_row(jnp.asarray(each), degree)) for each in z]) * weights[:, None, None]
-    ridge = np.sqrt(len(used)) * np.where(np.arange(rows.shape[2]) > moving, _RIDGE, 1e-9)
+    # Draws what no point tells of bends to zero.
+    ridge = np.sqrt(len(used)) * np.where(np.arange(rows.shape[2]) > moving, 1e-3, 1e-9)
     matrix = np.concatenate([rows.reshape(-1, ridge.size), np.diag(ridge)])
     basis, triangle = np.linalg.qr(matrix)
     solve = solve_triangular(triangle, basis[: -ridge.size].T).reshape(ridge.size, len(used), 1 + moving)
@@ -155,17 +154,6 @@ def learned_polynomial(
 def count_points(directions: int, degree: int | None = None) -> int:
     """The number of linearisations that determine a polynomial of a `degree`; None: what its directions allow."""
     return count_terms(directions, degree or degree_for(directions)) // (1 + directions) + 1
-
-
-def _near(
-    optimum: Linearisation, points: Sequence[Linearisation], factor: float, fewest: int
-) -> tuple[list[Linearisation], Float[np.ndarray, " points"]]:
-    """The `optimum` and the points that tell of the posterior, each with its excess of chi-square."""
-    simulated = [point for point in points if np.isfinite(point.chi2)]
-    ordered = sorted([optimum, *simulated], key=lambda point: point.chi2)
-    excess = np.array([(point.chi2 - optimum.chi2) / factor for point in ordered])
-    count = max(int(np.sum(excess < _FAR)), min(fewest, len(ordered)))
-    return ordered[:count], excess[:count]
 
 
 def _products(directions: int, order: int) -> Int[np.ndarray, "terms order"]:

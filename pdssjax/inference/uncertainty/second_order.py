@@ -22,10 +22,6 @@ from jaxtyping import Bool, Float
 
 from ..least_squares import Fit
 
-_UNDETERMINED = 1e-3
-"""Share of the largest weight below which a direction has been seen by no difference: no curvature there."""
-
-
 _SHORT = 0.05
 """Length of a step, in the scale's units, below which a kink would pass for a large curvature."""
 
@@ -84,7 +80,8 @@ def learned_curvature(
     # The symmetric T with T A + A T = B + B', least where that leaves it open.
     weights, axes = np.linalg.eigh(steps)
     both = weights[:, None] + weights[None, :]
-    known = both > _UNDETERMINED * max(float(np.max(both)), 1e-300)
+    # A direction that no difference has seen has no curvature.
+    known = both > 1e-3 * max(float(np.max(both)), 1e-300)
     rotated = axes.T @ (changes + changes.transpose(0, 2, 1)) @ axes
     return Curvature(axes @ np.where(known, rotated / np.where(known, both, 1.0), 0.0) @ axes.T, scale)
 
@@ -150,9 +147,6 @@ _ROOM = 2.0
 _SMALLEST = 1e-6
 """Length of a step, in `Aim.sizes`, from which there is no further one."""
 
-_ROOM_IN_RADII = 20.0
-"""The same in radii, where the radius is so small that not even the way back is trusted."""
-
 
 class Aim(NamedTuple):
     """The end that is searched for, and the box to search in."""
@@ -174,7 +168,8 @@ class Aim(NamedTuple):
 
         The others have room to come back into a narrow valley.
         """
-        room = min(_ROOM, _ROOM_IN_RADII * radius) + 3.0 * radius
+        # A radius may be so small that not even the way back is trusted.
+        room = min(_ROOM, 20.0 * radius) + 3.0 * radius
         room = np.where(np.arange(at.size) == self.index, radius, room) * self.sizes
         return self._replace(low=np.maximum(self.low - at, -room), high=np.minimum(self.high - at, room))
 
@@ -209,7 +204,8 @@ def follow(model: SecondOrder, aim: Aim) -> Float[np.ndarray, " p"]:
     threshold = max(abs(aim.target - chi2), 1e-3 * aim.target / model.factor.shape[0], 1e-12)
     highest = max(aim.target, chi2) + threshold
     for _ in range(_STEPS):
-        step = end_of_parabola(tangent, at, aim)
+        to_end = lambda held, step, tangent=tangent: _outwards(tangent, aim, held, step)
+        step = _within(at, aim, to_end)
         step = step * min(1.0, radius / max(float(np.max(np.abs(step / aim.sizes))), 1e-300))
         length = float(np.max(np.abs(step / aim.sizes)))
         if length < _SMALLEST:
@@ -223,11 +219,6 @@ def follow(model: SecondOrder, aim: Aim) -> Float[np.ndarray, " p"]:
         else:
             radius = 0.25 * min(radius, length)
     return at
-
-
-def end_of_parabola(model: Parabola, at: Float[np.ndarray, " p"], aim: Aim) -> Float[np.ndarray, " p"]:
-    """The step from `at` to the end, within the box."""
-    return _within(at, aim, lambda held, step: _outwards(model, aim, held, step))
 
 
 def best_of_others(model: Parabola, at: Float[np.ndarray, " p"], aim: Aim) -> Float[np.ndarray, " p"]:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
         comparison_figure as comparison_figure,
         correlation_figure as correlation_figure,
         error_figure as error_figure,
+        parameter_figures as parameter_figures,
     )
     from .intervals import (
         draws_figure as draws_figure,
@@ -33,10 +34,7 @@ if TYPE_CHECKING:
         residual_split_figure as residual_split_figure,
         study_figure as study_figure,
     )
-    from .selection import (
-        residual_strips_figure as residual_strips_figure,
-        selection_figure as selection_figure,
-    )
+    from .selection import residual_strips_figure as residual_strips_figure, selection_figure as selection_figure
     from .sweep import (
         border_figure as border_figure,
         directions_figure as directions_figure,

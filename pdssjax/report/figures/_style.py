@@ -3,9 +3,12 @@
 Figures are made without pyplot, so that no window system and no global state is involved.
 """
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
@@ -27,8 +30,11 @@ STYLE: dict[Any, Any] = {
 }
 
 
-_COMPRESSION = 3
-"""Of PNG files: two thirds of the time of the usual 6, and a tenth more bytes."""
+@contextlib.contextmanager
+def styled_figure(width: float, height: float) -> Iterator[Figure]:
+    """A figure of that size [inch], in the style of all of them while it is drawn."""
+    with matplotlib.rc_context(STYLE):
+        yield Figure(figsize=(width, height), layout="constrained")
 
 
 def save_figure(figure: Figure, file: Path) -> None:
@@ -37,7 +43,8 @@ def save_figure(figure: Figure, file: Path) -> None:
     if layout is not None:
         layout.execute(figure)
         figure.set_layout_engine("none")
-    canvas.print_png(file, pil_kwargs={"compress_level": _COMPRESSION})
+    # Level 3 takes two thirds of the time of the usual 6, for a tenth more bytes.
+    canvas.print_png(file, pil_kwargs={"compress_level": 3})
 
 
 def fixed_ticks(most: int, *panels: Axes) -> None:

@@ -1,8 +1,7 @@
 """Figures of what an estimate says of its parameters: errors, correlations, amplification, ways side by side."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
@@ -10,15 +9,31 @@ from matplotlib.figure import Figure
 
 from ...inference import half_width_95
 from ...study import NEGLIGIBLE_AMPLIFICATION, Amplification, Estimate, FittedParameter
-from ._style import BLUE, GREEN, GREY, STYLE, VERMILION
+from ._style import BLUE, GREEN, GREY, VERMILION, styled_figure
+from .intervals import draws_figure, multistart_figure, profile_figure
+
+
+def parameter_figures(estimate: Estimate) -> dict[str, Callable[[], Figure]]:
+    """What an estimate has figures of beside its records, by name; each is drawn when it is called."""
+    figures: dict[str, Callable[[], Figure]] = {"errors": lambda: error_figure(estimate)}
+    if len(estimate.names) > 1:
+        figures["correlations"] = lambda: correlation_figure(estimate)
+    if estimate.profiles:
+        figures["profiles"] = lambda: profile_figure(estimate.profiles, estimate.parameters)
+    if estimate.draws is not None:
+        figures["draws"] = lambda: draws_figure(estimate)
+    if (starts := estimate.multistart) is not None:
+        figures["starts"] = lambda: multistart_figure(starts)
+    if (amplification := estimate.amplification) is not None:
+        figures["amplification"] = lambda: amplification_figure(amplification)
+    return figures
 
 
 def error_figure(estimate: Estimate) -> Figure:
     """Standard errors in per cent of the values, by every error model; of a sequential fit also the naive ones."""
     known = [p for p in estimate.parameters.values() if p.free and p.value and np.isfinite(p.standard_error)]
     rows = range(len(known))
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(5.6, 1.6 + 0.28 * len(known)), layout="constrained")
+    with styled_figure(5.6, 1.6 + 0.28 * len(known)) as figure:
         axes = figure.subplots()
         models = list(next((p.errors for p in known if p.errors), {}))
         label = f"standard error ({models[0]})" if models else "standard error"
@@ -49,8 +64,7 @@ def correlation_figure(estimate: Estimate) -> Figure:
     """The lower triangle of the correlation matrix; crosses where there is no information."""
     names, count = estimate.names, len(estimate.names)
     shown = np.where(np.tri(count, k=-1, dtype=bool), estimate.correlation, np.nan)[1:, :-1]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(2.6 + 0.5 * count, 1.6 + 0.45 * count), layout="constrained")
+    with styled_figure(2.6 + 0.5 * count, 1.6 + 0.45 * count) as figure:
         axes = figure.subplots()
         image = axes.imshow(shown, vmin=-1.0, vmax=1.0, cmap="RdBu_r", aspect="auto")
         axes.set_xticks(range(count - 1), names[:-1], rotation=40, ha="right", rotation_mode="anchor")
@@ -59,15 +73,12 @@ def correlation_figure(estimate: Estimate) -> Figure:
             for column in range(row + 1):
                 value = shown[row, column]
                 label = f"{value:.2f}" if np.isfinite(value) else "×"
-                axes.text(column, row, label, ha="center", va="center", fontsize=7.5, color=_text_colour(value))
+                colour = "white" if abs(value) > 0.6 else "black"
+                axes.text(column, row, label, ha="center", va="center", fontsize=7.5, color=colour)
         blank = "" if np.isfinite(estimate.correlation).all() else " (×: no information)"
         axes.set_title(f"Correlations of the estimates{blank}", loc="left")
         figure.colorbar(image, ax=axes, label="correlation", shrink=0.8)
     return figure
-
-
-def _text_colour(correlation: float) -> str:
-    return "white" if abs(correlation) > 0.6 else "black"
 
 
 def amplification_figure(amplification: Amplification) -> Figure:
@@ -76,8 +87,7 @@ def amplification_figure(amplification: Amplification) -> Figure:
     matrix = amplification.matrix
     rows, columns = matrix.shape
     most = max(2.0, float(np.max(np.abs(matrix))))
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.4 + 0.9 * columns, 1.7 + 0.36 * rows), layout="constrained")
+    with styled_figure(3.4 + 0.9 * columns, 1.7 + 0.36 * rows) as figure:
         axes = figure.subplots()
         # Linear up to one per cent for one per cent: there an error is passed on, beyond it grows.
         scale = SymLogNorm(1.0, vmin=-most, vmax=most)
@@ -95,13 +105,6 @@ def amplification_figure(amplification: Amplification) -> Figure:
     return figure
 
 
-_COLUMNS = 3
-"""Panels side by side."""
-
-_COLOURS = (BLUE, GREEN, VERMILION)
-"""Colours of the methods, in the order of the estimates."""
-
-
 def comparison_figure(estimates: Sequence[Estimate]) -> Figure:
     """Draw each method's estimate and 95 % interval, a panel per parameter, in per cent from the joint fit's value.
 
@@ -110,15 +113,14 @@ def comparison_figure(estimates: Sequence[Estimate]) -> Figure:
     """
     first = estimates[0].parameters
     shown = [path for path in estimates[0].names if first[path].value and np.isfinite(first[path].standard_error)]
-    rows = -(-len(shown) // _COLUMNS)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 0.9 + 1.15 * max(rows, 1)), layout="constrained")
-        panels = figure.subplots(max(rows, 1), _COLUMNS, squeeze=False, sharey=True).ravel()
+    rows = max(-(-len(shown) // 3), 1)
+    with styled_figure(7.4, 0.9 + 1.15 * rows) as figure:
+        panels = figure.subplots(rows, 3, squeeze=False, sharey=True).ravel()
         for axes, path in zip(panels, shown, strict=False):
             _draw_ways(axes, path, estimates)
         for axes in panels[len(shown) :]:
             axes.set_axis_off()
-        for axes in panels[len(shown) - min(_COLUMNS, len(shown)) : len(shown)]:
+        for axes in panels[: len(shown)][-3:]:
             axes.set_xlabel("off the joint fit (%)")
         figure.suptitle(
             f"{estimates[0].title}\n95 % intervals: thick with the earlier step's errors, thin without (naive)",
@@ -135,8 +137,8 @@ def _naive_interval(found: FittedParameter) -> tuple[float, float]:
     naive, (low, high) = found.naive_standard_error or 0.0, found.interval
     whole = found.errors["white"].interval if "white" in found.errors else (low, high)
     naive *= float(half_width_95(found.degrees_of_freedom))
-    logarithmic = found.value > 0.0 and min(whole) > 0.0 and np.isclose(whole[0] * whole[1], found.value**2, rtol=1e-6)
-    if logarithmic:
+    is_positive = found.value > 0.0 and min(whole) > 0.0
+    if is_positive and np.isclose(whole[0] * whole[1], found.value**2, rtol=1e-6):
         factor = float(np.exp(naive / found.value))
         return found.value / factor, found.value * factor
     return found.value - naive, found.value + naive
@@ -144,7 +146,7 @@ def _naive_interval(found: FittedParameter) -> tuple[float, float]:
 
 def _draw_ways(axes: Axes, path: str, estimates: Sequence[Estimate]) -> None:
     joint = estimates[0].parameters[path].value
-    for place, (estimate, colour) in enumerate(zip(estimates, _COLOURS, strict=False)):
+    for place, (estimate, colour) in enumerate(zip(estimates, (BLUE, GREEN, VERMILION), strict=False)):
         found = estimate.parameters[path]
         off = 100.0 * (found.value / joint - 1.0)
         low, high = (100.0 * (end / joint - 1.0) for end in found.interval)

@@ -10,18 +10,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...core import InputError, display_unit, with_micro_sign
-from ...study import Draws, Estimate, FittedParameter, Multistart, Profile
-from ._style import BLUE, GREY, STYLE, VERMILION
-
-_COLUMNS = 3
+from ...study import Estimate, FittedParameter, Multistart, Profile
+from ._style import BLUE, GREY, VERMILION, styled_figure
 
 
 def profile_figure(profiles: Sequence[Profile], parameters: Mapping[str, FittedParameter]) -> Figure:
     """Small multiples, one a parameter: the curve, the linear model's parabola, and the level of the 95 % interval."""
-    columns = min(_COLUMNS, len(profiles))
+    columns = min(3, len(profiles))
     rows = -(-len(profiles) // columns)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(0.6 + 2.6 * columns, 0.7 + 1.9 * rows), layout="constrained")
+    with styled_figure(0.6 + 2.6 * columns, 0.7 + 1.9 * rows) as figure:
         grid = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
         for axes, profile in zip(grid, profiles, strict=False):
             _draw_profile(axes, profile, parameters[profile.path])
@@ -49,32 +46,29 @@ def _draw_profile(axes: Axes, profile: Profile, parameter: FittedParameter) -> N
     axes.locator_params(axis="x", nbins=3)
 
 
-_MOST = 12
-"""Most parameters shown; of more, the least certain ones."""
-
-_POINTS = 2000
-"""Most draws shown in a scatter plot of two parameters."""
-
-_ELLIPSE = np.sqrt(-2.0 * np.log(0.05))
-"""Half axes of the ellipse with 95 % of a bivariate normal distribution, in standard deviations."""
-
-_SIZE = 1.35
-"""Width and height of a panel [inch]."""
-
-
 def draws_figure(estimate: Estimate) -> Figure:
     """Histograms on the diagonal, draws of two parameters below it; both beside the linear model.
 
+    Of more than twelve parameters only the least certain are shown.
+
     **Raises:** `InputError` where the estimate has no draws.
     """
-    if estimate.draws is None:
+    draws = estimate.draws
+    if draws is None:
         raise InputError("plot: found an estimate without draws, expected one of a bootstrap or a posterior.")
-    paths = _least_known(estimate.draws)
+    spread = {of.path: of.deviation / max(abs(of.mean), 1e-300) for of in draws.parameters if of.deviation > 0}
+    least_certain = sorted(spread, key=lambda path: spread[path], reverse=True)[:12]
+    paths = [path for path in draws.names if path in least_certain]
     size = len(paths)
-    with matplotlib.rc_context(STYLE), matplotlib.rc_context({"font.size": 7.0, "axes.titlesize": 7.0}):
-        figure = Figure(figsize=(1.0 + _SIZE * max(size, 2), 0.6 + _SIZE * size), layout="constrained")
+    chains, each = draws.values.shape[:2]
+    count = f"{each} draws" if chains == 1 else f"{chains} chains of {each} draws"
+    with (
+        styled_figure(1.0 + 1.35 * max(size, 2), 0.6 + 1.35 * size) as figure,
+        matplotlib.rc_context({"font.size": 7.0, "axes.titlesize": 7.0}),
+    ):
         grid: list[list[Axes]] = figure.subplots(size, size, squeeze=False).tolist()
-        values = {path: _in_unit(estimate, path) for path in paths}
+        drawn = lambda path: _factor(estimate, path) * draws.values[:, :, draws.names.index(path)].ravel()
+        values = {path: drawn(path) for path in paths}
         for row, column in np.ndindex(size, size):
             axes, name = grid[row][column], paths[column]
             if row < column:
@@ -93,15 +87,8 @@ def draws_figure(estimate: Estimate) -> Figure:
                 axes.set_ylabel(_label(estimate, paths[row]))
         # Where the upper right corner holds no panel, and beside the only one.
         place = "upper right" if size > 1 else "outside right upper"
-        figure.legend(*grid[0][0].get_legend_handles_labels(), loc=place, title=_caption(estimate.draws))
+        figure.legend(*grid[0][0].get_legend_handles_labels(), loc=place, title=f"{draws.kind}: {count}")
     return figure
-
-
-def _least_known(draws: Draws) -> list[str]:
-    """The least certain parameters that vary, in their order."""
-    told = {each.path: each.deviation / max(abs(each.mean), 1e-300) for each in draws.parameters if each.deviation > 0}
-    least = sorted(told, key=lambda path: told[path], reverse=True)[:_MOST]
-    return [path for path in draws.names if path in least]
 
 
 def _draw_one(axes: Axes, estimate: Estimate, path: str, values: Float[np.ndarray, " draws"]) -> None:
@@ -126,7 +113,7 @@ def _draw_two(
     paths: tuple[str, str],
     values: tuple[Float[np.ndarray, " draws"], Float[np.ndarray, " draws"]],
 ) -> None:
-    every = max(1, values[0].size // _POINTS)
+    every = max(1, values[0].size // 2000)
     axes.plot(values[0][::every], values[1][::every], ".", color=BLUE, markersize=1.0, alpha=0.4, rasterized=True)
     places = [estimate.names.index(path) for path in paths]
     factors = np.array([_factor(estimate, path) for path in paths])
@@ -134,15 +121,10 @@ def _draw_two(
     covariance = np.outer(factors, factors) * estimate.covariance[np.ix_(places, places)]
     if np.isfinite(covariance).all() and np.linalg.det(covariance) > 0.0:
         turn = np.linspace(0.0, 2.0 * np.pi, 100)
-        ring = np.linalg.cholesky(covariance) @ np.stack([np.cos(turn), np.sin(turn)]) * _ELLIPSE
+        # Half axes, in standard deviations, that hold 95 % of a bivariate normal distribution.
+        ring = np.linalg.cholesky(covariance) @ np.stack([np.cos(turn), np.sin(turn)]) * np.sqrt(-2.0 * np.log(0.05))
         axes.plot(centre[0] + ring[0], centre[1] + ring[1], color=GREY, linestyle="--", linewidth=0.9)
     axes.plot(*centre, "+", color="black", markersize=5.0)
-
-
-def _in_unit(estimate: Estimate, path: str) -> Float[np.ndarray, " draws"]:
-    """All draws of a parameter in the unit shown."""
-    assert estimate.draws is not None
-    return _factor(estimate, path) * estimate.draws.values[:, :, estimate.draws.names.index(path)].ravel()
 
 
 def _factor(estimate: Estimate, path: str) -> float:
@@ -154,26 +136,13 @@ def _label(estimate: Estimate, path: str) -> str:
     return f"{path.split('.', 1)[-1]}\n[{unit or '-'}]"
 
 
-def _caption(draws: Draws) -> str:
-    chains, each = draws.values.shape[:2]
-    count = f"{each} draws" if chains == 1 else f"{chains} chains of {each} draws"
-    return f"{draws.kind}: {count}"
-
-
 _OTHERS = VERMILION, "#009E73", "#CC79A7", "#56B4E9", "#E69F00"
 """Colours of the optima after the best; from the palette of Okabe and Ito."""
-
-_FLOOR = 1e-3
-"""Smallest excess of chi-square on the axis; lower ones are shown here."""
-
-_SHOWN = 12
-"""Number of optima whose parameters are drawn, the best first."""
 
 
 def multistart_figure(multistart: Multistart) -> Figure:
     """The waterfall above; below, every parameter over that of the best optimum."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(6.4, 3.4 + 0.26 * len(multistart.names)), layout="constrained")
+    with styled_figure(6.4, 3.4 + 0.26 * len(multistart.names)) as figure:
         heights = [2.0, 0.6 + 0.26 * len(multistart.names)]
         above, below = figure.subplots(2, 1, gridspec_kw={"height_ratios": heights})
         _waterfall(above, multistart)
@@ -188,7 +157,7 @@ def _colour(number: int) -> str:
 def _waterfall(axes: Axes, multistart: Multistart) -> None:
     known = np.isfinite(multistart.chi2)
     rank, least = np.arange(1, multistart.chi2.size + 1), float(np.min(multistart.chi2))
-    excess = np.maximum(multistart.chi2 - least, _FLOOR)
+    excess = np.maximum(multistart.chi2 - least, 1e-3)  # the axis is logarithmic
     axes.plot(rank[known], excess[known], color="0.85", linewidth=0.8, zorder=0)
     for number in range(-1, multistart.distinct):
         at = known & (multistart.optimum == number)
@@ -208,7 +177,7 @@ def _waterfall(axes: Axes, multistart: Multistart) -> None:
 def _optima(axes: Axes, multistart: Multistart) -> None:
     """Draw the parameters of the optima relative to the best one, on a scale that is linear within one per cent."""
     rows = np.arange(len(multistart.names))
-    firsts = [int(np.flatnonzero(multistart.optimum == n)[0]) for n in range(min(multistart.distinct, _SHOWN))]
+    firsts = [int(np.flatnonzero(multistart.optimum == n)[0]) for n in range(min(multistart.distinct, 12))]
     best = multistart.ends[firsts[0] if firsts else 0]
     scale = np.where(best == 0.0, 1.0, np.abs(best))
     spread = [multistart.ranges.get(path, (np.nan, np.nan)) for path in multistart.names]

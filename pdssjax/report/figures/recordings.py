@@ -8,24 +8,27 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import LENGTH, MICROMETRES, VELOCITY, InputError, with_micro_sign
+from ...core import LENGTH, MICROMETRES, VELOCITY, InputError, member, with_micro_sign
 from ...metrics import Characterisation, RecordGuess
 from ...simulation import Trajectory
-from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW, fixed_ticks
+from ._style import BLUE, GREY, VERMILION, YELLOW, fixed_ticks, styled_figure
 
 
 def guess_figure(name: str, guess: RecordGuess) -> Figure:
     """Voltage with the waveform found, over the motion; to the right, the first fast flank enlarged."""
-    moment = _moment(guess)
+    # The samples around the fastest change of the voltage, or of the motion where none was recorded.
+    changing, first, last = guess.motion if guess.volts is None else guess.volts, guess.time[0], guess.time[-1]
+    width = max(60 * float(np.median(np.diff(guess.time))), (last - first) / 60)
+    jump = float(guess.time[np.argmax(np.abs(np.diff(changing)))])
+    moment = max(jump - 0.2 * width, float(first)), min(jump + 0.8 * width, float(last))
     near = (guess.time >= moment[0]) & (guess.time <= moment[1])
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 4.2), layout="constrained")
+    with styled_figure(7.4, 4.2) as figure:
         ((volts, near_volts), (motion, near_motion)) = figure.subplots(2, 2, sharex="col", width_ratios=(3, 2))
         whole = np.ones(guess.time.size, bool)
         for panels, part, factor in (((volts, motion), whole, 1.0), ((near_volts, near_motion), near, 1e3)):
             _draw_guess(*panels, guess, part, factor)
-        volts.axvspan(*moment, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
-        motion.axvspan(*moment, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
+        for panel in (volts, motion):
+            panel.axvspan(*moment, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
         volts.set_ylabel("voltage (V)")
         motion.set_ylabel(f"{guess.measures} ({_unit(guess)})" + (", turned" if guess.turned else ""))
         motion.set_xlabel("time on the file's clock (s)")
@@ -48,82 +51,59 @@ def _draw_guess(volts: Axes, motion: Axes, guess: RecordGuess, part: np.ndarray,
     shown: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 7.0} if marks else {"linewidth": 2.4}
     if guess.volts is not None:
         volts.plot(time, guess.volts[part], color=GREY, label="recorded", **shown)
-    if guess.waveform.name != "sampled":
+    wave = guess.waveform
+    if wave.name != "sampled":
         fine = np.linspace(guess.time[part][0], guess.time[part][-1], 4000)
-        label = guess.waveform.name + (", not recorded" if guess.volts is None else "")
-        volts.plot(factor * fine, waveform_at(guess, fine), color=VERMILION, linewidth=0.9, label=label)
+        drive = member("drive", wave.name)(**wave.numbers, **({"direction": wave.direction} if wave.direction else {}))
+        voltage = np.asarray(drive.at(fine - guess.start)) + wave.counted_from
+        label = wave.name + (", not recorded" if guess.volts is None else "")
+        volts.plot(factor * fine, voltage, color=VERMILION, linewidth=0.9, label=label)
     shown_motion = guess.motion if guess.velocity is None else guess.velocity
     motion.plot(time, guess.display.scale * shown_motion[part], color=BLUE, linewidth=0.8, **marks)
     if guess.time[part][0] <= guess.start <= guess.time[part][-1]:
         for panel in (volts, motion):
             panel.axvline(factor * guess.start, color="0.2", linewidth=0.8, linestyle=":")
-        # On white, beside the voltage's flank.
-        backed = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
         place = (factor * guess.start, 0.5)
         label = volts.annotate("t = 0", place, (3.0, 0.0), ("data", "axes fraction"), "offset points", fontsize=8.0)
-        label.set_bbox(backed)
-
-
-def waveform_at(guess: RecordGuess, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """The voltage [V] of the waveform found, at `time` [s] on the file's clock, and the level it is counted from."""
-    from ...core import member
-
-    wave = guess.waveform
-    kind = member("drive", wave.name)
-    drive = kind(**wave.numbers, **({"direction": wave.direction} if wave.direction else {}))
-    return np.asarray(drive.at(time - guess.start)) + wave.counted_from
-
-
-def _moment(guess: RecordGuess) -> tuple[float, float]:
-    """Select the samples around the fastest change of the voltage, or of the motion where none was recorded."""
-    shown = guess.motion if guess.volts is None else guess.volts
-    interval = float(np.median(np.diff(guess.time)))
-    width = max(60 * interval, (guess.time[-1] - guess.time[0]) / 60)
-    jump = float(guess.time[np.argmax(np.abs(np.diff(shown)))])
-    return max(jump - 0.2 * width, float(guess.time[0])), min(jump + 0.8 * width, float(guess.time[-1]))
+        # On white, beside the voltage's flank.
+        label.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})
 
 
 def _guess_caption(name: str, guess: RecordGuess) -> str:
     wave = guess.waveform
-    units = {"voltage": (1.0, "V"), "bias": (1.0, "V"), "frequency": (1.0, "Hz"), "fall_time": (1e3, "ms")}
-    units["rise_time"] = (1e3, "ms")
-    told = [f"{wave.name} {wave.direction}".strip()]
+    units = {"voltage": (1.0, "V"), "bias": (1.0, "V"), "frequency": (1.0, "Hz")}
+    units |= {"fall_time": (1e3, "ms"), "rise_time": (1e3, "ms")}
+    parts = [f"{wave.name} {wave.direction}".strip()]
     if wave.name != "sampled":
         for field, number in wave.numbers.items():
             scale, unit = units.get(field, (1.0, ""))
             title = "" if field in ("voltage", "frequency") else field.replace("_", " ") + " "
-            told.append(f"{title}{scale * number:.5g} {unit}".strip())
-        told += [f"counted from {wave.counted_from:.4g} V"] * (wave.counted_from != 0)
-    told.append(f"t = 0 at {_shown_time(guess.start)}")
-    return f"{name}\n{', '.join(told)}; noise {guess.display.scale * guess.noise:.3g} {_unit(guess)}"
+            parts.append(f"{title}{scale * number:.5g} {unit}".strip())
+        parts += [f"counted from {wave.counted_from:.4g} V"] * (wave.counted_from != 0)
+    # To the nanosecond; in milliseconds where it is short, as in the enlarged panels.
+    start, is_short = guess.start, abs(guess.start) < 0.1
+    parts.append("t = 0 at " + (f"{round(1e3 * start, 6) + 0.0:.4g} ms" if is_short else f"{start:.7g} s"))
+    return f"{name}\n{', '.join(parts)}; noise {guess.display.scale * guess.noise:.3g} {_unit(guess)}"
 
 
 def _unit(guess: RecordGuess) -> str:
     return with_micro_sign(guess.display.unit)
 
 
-def _shown_time(seconds: float) -> str:
-    """Text of a time to the nanosecond; in milliseconds where it is short, as in the enlarged panels."""
-    return f"{round(1e3 * seconds, 6) + 0.0:.4g} ms" if abs(seconds) < 0.1 else f"{seconds:.7g} s"
-
-
 def cycle_figure(found: Characterisation) -> Figure:
     """The record with its cycles and turning points; to the right, its cycles and its slips on top of each other."""
     scale, unit = (MICROMETRES, "µm") if found.measures == "displacement" else (1.0, "N")
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 4.8), layout="constrained")
+    with styled_figure(7.4, 4.8) as figure:
         panels = figure.subplot_mosaic("RRRCC;RRRSS")
         _draw_cycles(panels["R"], found, scale)
         for name, periods in [("C", 0.75), ("S", 0.05)]:
             _draw_overlaid(panels[name], found, scale, periods)
         panels["R"].set_ylabel(f"{found.measures} ({unit})")
+        moves = found.measures == "displacement"
         for name in "CS":
-            panels[name].set_ylabel(
-                f"from mid-flank ({unit})" if found.measures == "displacement" else f"force ({unit})"
-            )
+            panels[name].set_ylabel(f"{'from mid-flank' if moves else 'force'} ({unit})")
         panels["C"].set_title("cycles, first dark, last light", loc="left")
-        dashed = ", dashed: mean of the lines" if found.measures == "displacement" else ""
-        panels["S"].set_title(f"slips{dashed}", loc="left")
+        panels["S"].set_title("slips, dashed: mean of the lines" if moves else "slips", loc="left")
         panels["S"].set_xlabel("time from the slip (ms)")
         figure.suptitle(_cycle_caption(found), x=0.01, ha="left", fontsize=10.0, wrap=True)
     return figure
@@ -177,14 +157,8 @@ def _cycle_caption(found: Characterisation) -> str:
     if found.measures == "force":
         figures = f"output force {shown('output', 1.0, 'N')}"
     else:
-        figures = ", ".join(
-            [
-                f"S {shown('stroke', MICROMETRES, 'µm')}",
-                f"S₀ {shown('back_slip', MICROMETRES, 'µm')}",
-                f"step efficiency {shown('efficiency', 100.0, '%')}",
-                shown("speed", MICROMETRES, "µm/s"),
-            ]
-        )
+        figures = f"S {shown('stroke', MICROMETRES, 'µm')}, S₀ {shown('back_slip', MICROMETRES, 'µm')}, "
+        figures += f"step efficiency {shown('efficiency', 100.0, '%')}, {shown('speed', MICROMETRES, 'µm/s')}"
     return f"{found.name}\n{found.cycles.count} cycles at {found.cycles.frequency:.5g} Hz: {figures}"
 
 
@@ -193,8 +167,7 @@ def friction_figure(
 ) -> Figure:
     """The `force` [N] against the `motion`, a "displacement" [m] or a "velocity" [m/s]."""
     shown = VELOCITY if quantity == "velocity" else LENGTH
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(5.0, 3.6), layout="constrained")
+    with styled_figure(5.0, 3.6) as figure:
         axes = figure.subplots()
         if quantity == "velocity":
             axes.plot(shown.scale * motion, force, ".", color=BLUE, markersize=3)
@@ -215,8 +188,7 @@ def trajectory_figure(run: Trajectory) -> Figure:
     if np.ndim(run.time) != 1:
         raise InputError(f"plot: found runs of shape {np.shape(run.effector)}, expected a single one.")
     time = np.asarray(run.time)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 4.8), layout="constrained")
+    with styled_figure(7.4, 4.8) as figure:
         voltage, motion, friction = figure.subplots(3, 1, sharex=True, height_ratios=(1, 2.4, 1.2))
         voltage.plot(time, run.voltage, color="black", linewidth=0.9)
         voltage.set_ylabel("voltage (V)")

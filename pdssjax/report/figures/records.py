@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import matplotlib
 import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
@@ -12,30 +11,50 @@ from ...core import VELOCITY, Display, with_micro_sign
 from ...inference import repeats
 from ...metrics import CycleSplit, NoiseInTime, ResidualSplit, grid_positions, sample_autocovariance, split_residuals
 from ...study import Estimate, FittedRecord, Record, Study
-from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW, fixed_ticks
+from ._style import BLUE, GREY, VERMILION, YELLOW, fixed_ticks, styled_figure
 
 
 def record_figure(record: FittedRecord) -> Figure:
     """Measured against predicted over residuals; to the right, the liveliest moment enlarged."""
-    moment = liveliest_moment(record.time, record.measured)
-    span = record.time[moment][[0, -1]]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 4.6), layout="constrained")
-        ((motion, near), (residual, near_residual)) = figure.subplots(
-            2, 2, sharex="col", height_ratios=(2, 1), width_ratios=(3, 2)
-        )
-        _draw_overview(motion, residual, record)
+    scale, unit = _shown(record)
+    measured, predicted, residuals = scale * record.measured, scale * record.predicted, _residual(record)
+    quality = f"r² {record.r2:.7g}, error index {scale * record.error_index:.3g} {unit}"
+    if np.isfinite(record.reduced_chi2):
+        quality += f", chi-square per sample {record.reduced_chi2:.3g}"
+    if not record.simulated:
+        quality = "the simulation failed"
+    role = "fitted" if record.role == "fit" else "not fitted"
+    with styled_figure(7.4, 4.6) as figure:
+        ratios = {"height_ratios": (2, 1), "width_ratios": (3, 2)}
+        ((motion, near), (residual, near_residual)) = figure.subplots(2, 2, sharex="col", gridspec_kw=ratios)
+        motion.plot(record.time, measured, color=GREY, linewidth=2.4, label="measured")
+        motion.plot(record.time, predicted, color=VERMILION, linewidth=0.9, label="predicted")
+        motion.set_ylabel(f"{record.display.quantity} ({unit})")
+        motion.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.0)
+        residual.plot(record.time, residuals, color=BLUE, linewidth=0.6)
+        residual.set_ylabel(f"residual ({unit})")
+        residual.set_xlabel("time (s)")
         if record.motion is not None:
             _draw_loops(near, near_residual, record, record.motion)
         else:
-            _draw_moment(near, near_residual, record, moment)
+            moment = liveliest_moment(record.time, record.measured)
+            time = 1e3 * record.time[moment]
+            near.plot(time, measured[moment], "o", color=GREY, fillstyle="none", markersize=4.5)
+            near.plot(time, predicted[moment], ".-", color=VERMILION, linewidth=0.9, markersize=3)
+            near.set_title("the shaded moment", loc="left")
+            near_residual.plot(time, residuals[moment], ".-", color=BLUE, linewidth=0.7, markersize=3)
+            near_residual.set_xlabel("time (ms)")
             for panel in (motion, residual):
-                panel.axvspan(*span, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
+                panel.axvspan(*record.time[moment][[0, -1]], color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
         if np.isfinite(record.noise):
-            _draw_noise((residual, near_residual), record)
+            residual.set_ylabel(f"residual ({unit}),\n± 2 noise in grey")
+            band = 2.0 * scale * record.noise
+            for panel in (residual, near_residual):
+                panel.axhspan(-band, band, color="0.9", linewidth=0, zorder=-1)
         fixed_ticks(6, motion, near)
         fixed_ticks(4, residual, near_residual)
-        figure.suptitle(_caption(record), x=0.01, ha="left", fontsize=10.0, wrap=True)
+        title = f"{record.name}\n{record.measures}, {role}, {quality}"
+        figure.suptitle(title, x=0.01, ha="left", fontsize=10.0, wrap=True)
         figure.align_ylabels((motion, residual))
     return figure
 
@@ -51,27 +70,6 @@ def liveliest_moment(time: Float[np.ndarray, " n"], measured: Float[np.ndarray, 
     return (time >= jump - 0.15 * width) & (time <= jump + 0.85 * width)
 
 
-def _draw_overview(motion: Axes, residual: Axes, record: FittedRecord) -> None:
-    scale, unit = _shown(record)
-    motion.plot(record.time, scale * record.measured, color=GREY, linewidth=2.4, label="measured")
-    motion.plot(record.time, scale * record.predicted, color=VERMILION, linewidth=0.9, label="predicted")
-    motion.set_ylabel(f"{record.display.quantity} ({unit})")
-    motion.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.0)
-    residual.plot(record.time, _residual(record), color=BLUE, linewidth=0.6)
-    residual.set_ylabel(f"residual ({unit})")
-    residual.set_xlabel("time (s)")
-
-
-def _draw_moment(motion: Axes, residual: Axes, record: FittedRecord, moment: np.ndarray) -> None:
-    scale, _ = _shown(record)
-    time = 1e3 * record.time[moment]
-    motion.plot(time, scale * record.measured[moment], "o", color=GREY, fillstyle="none", markersize=4.5)
-    motion.plot(time, scale * record.predicted[moment], ".-", color=VERMILION, linewidth=0.9, markersize=3)
-    motion.set_title("the shaded moment", loc="left")
-    residual.plot(time, _residual(record)[moment], ".-", color=BLUE, linewidth=0.7, markersize=3)
-    residual.set_xlabel("time (ms)")
-
-
 def _draw_loops(force: Axes, residual: Axes, record: FittedRecord, motion: Float[np.ndarray, " n"]) -> None:
     """Friction force against the motion: what tells one law from another."""
     # Loops come in order; the samples of a friction curve need not, and are put into it.
@@ -84,14 +82,6 @@ def _draw_loops(force: Axes, residual: Axes, record: FittedRecord, motion: Float
     residual.set_xlabel(f"{record.prescribed.quantity} ({with_micro_sign(record.prescribed.unit)})")
 
 
-def _draw_noise(panels: Sequence[Axes], record: FittedRecord) -> None:
-    scale, unit = _shown(record)
-    band = 2.0 * scale * record.noise
-    for panel in panels:
-        panel.axhspan(-band, band, color="0.9", linewidth=0, zorder=-1)
-    panels[0].set_ylabel(f"residual ({unit}),\n± 2 noise in grey")
-
-
 def _shown(record: FittedRecord) -> tuple[float, str]:
     """The factor from SI to the unit shown, and its name."""
     return record.display.scale, with_micro_sign(record.display.unit)
@@ -99,15 +89,6 @@ def _shown(record: FittedRecord) -> tuple[float, str]:
 
 def _residual(record: FittedRecord) -> Float[np.ndarray, " n"]:
     return _shown(record)[0] * (record.measured - record.predicted)
-
-
-def _caption(record: FittedRecord) -> str:
-    scale, unit = _shown(record)
-    quality = f"r² {record.r2:.7g}, error index {scale * record.error_index:.3g} {unit}"
-    if np.isfinite(record.reduced_chi2):
-        quality += f", chi-square per sample {record.reduced_chi2:.3g}"
-    role = "fitted" if record.role == "fit" else "not fitted"
-    return f"{record.name}\n{record.measures}, {role}, {quality if record.simulated else 'the simulation failed'}"
 
 
 def study_figure(study: Study) -> Figure:
@@ -121,8 +102,7 @@ def estimate_figure(estimate: Estimate) -> Figure:
 
 
 def _overview(title: str, records: Sequence[Record | FittedRecord]) -> Figure:
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 0.9 + 1.25 * len(records)), layout="constrained")
+    with styled_figure(7.4, 0.9 + 1.25 * len(records)) as figure:
         grid = figure.subplots(len(records), 2, squeeze=False)
         for record, (whole, near) in zip(records, grid, strict=True):
             _draw_row(whole, near, record)
@@ -156,11 +136,7 @@ def _draw_row(whole: Axes, near: Axes, record: Record | FittedRecord) -> None:
 
 
 def _curves(
-    axes: Axes,
-    x: Float[np.ndarray, " n"],
-    record: Record | FittedRecord,
-    display: Display,
-    part: "slice | np.ndarray",
+    axes: Axes, x: Float[np.ndarray, " n"], record: Record | FittedRecord, display: Display, part: "slice | np.ndarray"
 ) -> None:
     measured = display.scale * record.measured[part]
     if isinstance(record, FittedRecord):
@@ -170,13 +146,9 @@ def _curves(
         axes.plot(x, measured, color=BLUE, linewidth=1.0, label="measured")
 
 
-FEWEST_LEVELS = 20
-"""Fewest voltage levels of a record with loops; a step has two."""
-
-
 def has_loops(record: FittedRecord) -> bool:
-    """Whether a record shows the platform alone while its voltage runs up or down."""
-    return record.voltage is not None and np.unique(np.round(record.voltage, 9)).size >= FEWEST_LEVELS
+    """Whether a record shows the platform alone while its voltage runs over 20 levels or more: a step has two."""
+    return record.voltage is not None and np.unique(np.round(record.voltage, 9)).size >= 20
 
 
 def loop_figure(record: FittedRecord) -> Figure:
@@ -186,16 +158,14 @@ def loop_figure(record: FittedRecord) -> Figure:
     """
     if record.voltage is None:
         raise ValueError("Expected a record with a voltage, but it has none.")
-    scale, unit = record.display.scale, with_micro_sign(record.display.unit)
-    residual = scale * (record.measured - record.predicted)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(5.6, 5.6), layout="constrained")
+    scale, unit = _shown(record)
+    with styled_figure(5.6, 5.6) as figure:
         motion, left = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
         motion.plot(record.voltage, scale * record.measured, color=GREY, linewidth=2.4, label="measured")
         motion.plot(record.voltage, scale * record.predicted, color=VERMILION, linewidth=0.8, label="predicted")
         motion.set_ylabel(f"{record.display.quantity} ({unit})")
         motion.legend(loc="best")
-        left.plot(record.voltage, residual, ".", color=BLUE, markersize=2.0, alpha=0.35, markeredgewidth=0)
+        left.plot(record.voltage, _residual(record), ".", color=BLUE, markersize=2.0, alpha=0.35, markeredgewidth=0)
         left.axhline(0.0, color="0.6", linewidth=0.7, zorder=0)
         left.set_ylabel(f"residual ({unit})")
         left.set_xlabel("voltage (V)")
@@ -207,13 +177,6 @@ def loop_figure(record: FittedRecord) -> Figure:
     return figure
 
 
-_LONGEST_LAG = 60
-"""Largest lag of the autocorrelation that is shown, in sampling intervals."""
-
-_OUTLIER_MARGIN = 0.1
-"""Margin of an axis from which outliers are left out, as a fraction of the span of the other residuals."""
-
-
 def residual_split_figure(record: FittedRecord) -> Figure:
     """Mean over the cycles at each phase beside all residuals; to the right, the autocorrelation of the rest.
 
@@ -221,62 +184,38 @@ def residual_split_figure(record: FittedRecord) -> Figure:
     out may lie beyond the axis, whose caption says by how much, and are left out of means and autocorrelation.
     """
     split = split_residuals(record.residual_without_outliers, record.time, record.frequency)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 2.9), layout="constrained")
+    with styled_figure(7.4, 2.9) as figure:
         residuals, correlation = figure.subplots(1, 2, width_ratios=(3, 2))
+        residuals.set_ylabel(f"residual ({_shown(record)[1]})")
         if split.cycles is None:
-            _draw_all(residuals, record)
+            residuals.plot(record.time, _residual(record), color=BLUE, linewidth=0.6)
+            residuals.set_xlabel("time (s)")
         else:
             _draw_cycle(residuals, record, split.cycles)
-        if record.outliers.size:
-            _show_others(residuals, record)
+        others = record.display.scale * record.residual_without_outliers
+        others = others[np.isfinite(others)]
+        if record.outliers.size and others.size and np.ptp(others) > 0.0:
+            margin = 0.1 * float(np.ptp(others))
+            residuals.set_ylim(float(others.min()) - margin, float(others.max()) + margin)
         _draw_autocorrelation(correlation, record, split)
         figure.suptitle(f"{record.name}\n{_split_caption(record, split)}", x=0.01, ha="left", fontsize=10.0, wrap=True)
     return figure
 
 
 def _draw_cycle(axes: Axes, record: FittedRecord, cycles: CycleSplit) -> None:
-    scale, unit = record.display.scale, with_micro_sign(record.display.unit)
-    there = cycles.sizes > 0
-    place = cycles.phases()
-    residual = scale * record.residual
-    seen = cycles.group >= 0
+    there, place = cycles.sizes > 0, cycles.phases()
+    scale, residual, seen = record.display.scale, _residual(record), cycles.group >= 0
     # Samples that stand out have no group, but a phase.
     phase = np.mod(record.time * (record.frequency or 0.0), 1.0)
     phase[seen] = place[cycles.group[seen]]
     axes.plot(phase, residual, ".", color="0.75", markersize=2, label="every cycle")
     within = float(np.sqrt(np.nanmean(cycles.rest**2)))
-    band = 2.0 * scale * within / np.sqrt(np.maximum(cycles.sizes, 1))
-    centre = float(np.mean(residual[seen]))
-    axes.fill_between(
-        place[there],
-        centre - band[there],
-        centre + band[there],
-        color=GREY,
-        alpha=0.35,
-        linewidth=0,
-        label="± 2 by noise",
-    )
+    band = 2.0 * scale * within / np.sqrt(cycles.sizes[there])
+    ends = np.mean(residual[seen]) + np.multiply.outer([-1.0, 1.0], band)
+    axes.fill_between(place[there], *ends, color=GREY, alpha=0.35, linewidth=0, label="± 2 by noise")
     axes.plot(place[there], scale * cycles.mean[there], color=BLUE, linewidth=1.0, label="mean of the cycles")
     axes.set_xlabel("phase of the cycle")
-    axes.set_ylabel(f"residual ({unit})")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, markerscale=3, borderaxespad=0.2)
-
-
-def _draw_all(axes: Axes, record: FittedRecord) -> None:
-    scale, unit = record.display.scale, with_micro_sign(record.display.unit)
-    axes.plot(record.time, scale * record.residual, color=BLUE, linewidth=0.6)
-    axes.set_xlabel("time (s)")
-    axes.set_ylabel(f"residual ({unit})")
-
-
-def _show_others(axes: Axes, record: FittedRecord) -> None:
-    """Limit the axis to the residuals that are no outliers."""
-    others = record.display.scale * record.residual_without_outliers
-    others = others[np.isfinite(others)]
-    if others.size and np.ptp(others) > 0.0:
-        margin = _OUTLIER_MARGIN * float(np.ptp(others))
-        axes.set_ylim(float(others.min()) - margin, float(others.max()) + margin)
 
 
 def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit) -> None:
@@ -285,7 +224,7 @@ def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit
         interval = max(interval, float(np.ptp(record.time)) / (4 * record.time.size))
         places = np.rint((record.time - record.time[0]) / interval).astype(int)
     longest = record.time.size // 2 if split.cycles is None else split.cycles.sizes.size // 2
-    shown = max(min(_LONGEST_LAG, longest), 2)
+    shown = max(min(60, longest), 2)  # lags
     covariance = sample_autocovariance(split.rest, places, shown)
     if covariance[0] <= 0.0:
         return
@@ -298,8 +237,9 @@ def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit
         model, label = noise.covariance_at(apart), f"white and slow noise ({1e3 * noise.duration:.2g} ms)"
     else:
         model, label = noise.autocovariance(shown), f"autoregression of order {noise.order}"
-    label = label if noise.order else "white noise"
-    style = ".-" if noise.order else "."
+    style = ".-"
+    if not noise.order:
+        style, label = ".", "white noise"
     axes.plot(1e3 * apart, model / model[0], style, color=VERMILION, linewidth=0.9, markersize=2.5, label=label)
     axes.axhline(0.0, color=GREY, linewidth=0.5)
     axes.set_xlabel("interval (ms)")

@@ -2,27 +2,19 @@
 
 import math
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...selection import Comparison, Difference, Result
 from ...study import Record, cycles_a_second
-from ._style import BLUE, GREEN, GREY, STYLE, VERMILION
-
-MOST_STRIPS = 6
-"""Models whose residuals are drawn, the chosen one and the nearest to it first."""
-
-MOST_POINTS = 4000
-"""Samples of a strip that are drawn: more are one black bar."""
+from ._style import BLUE, GREEN, GREY, VERMILION, styled_figure
 
 
 def selection_figure(found: Comparison) -> Figure:
     """How much each model scores below the best one on held-out samples, with two standard errors."""
     shown = [result for result in found.results if result.time is not None]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 1.3 + 0.3 * len(shown)), layout="constrained")
+    with styled_figure(7.4, 1.3 + 0.3 * len(shown)) as figure:
         has_records = any(result.records is not None for result in shown)
         panels = figure.subplots(1, 1 + has_records, sharey=True, squeeze=False)[0]
         _draw_scores(panels[0], found, shown, "time", "blocks of time")
@@ -69,11 +61,16 @@ def _decades(reach: float) -> list[float]:
 
 
 def residual_strips_figure(found: Comparison) -> Figure:
-    """The residuals of each model in the record that has most of what it leaves, grey those of the best one."""
-    shown = _strips(found)
+    """The residuals of six models at most, those near the best one, in the record that has most of what each leaves.
+
+    Grey are those of the best model.
+    """
+    behind = {result.name: abs(result.time.total) for result in found.results if result.time is not None}
+    behind |= dict.fromkeys((found.chosen, found.best), -1.0)
+    nearest = sorted(behind, key=behind.__getitem__)[:6]
+    shown = [result for result in found.results if result.name in nearest]
     best = found[found.best].fitted
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 0.6 + 1.05 * len(shown)), layout="constrained")
+    with styled_figure(7.4, 0.6 + 1.05 * len(shown)) as figure:
         panels = figure.subplots(len(shown), 1, squeeze=False)[:, 0]
         for axes, result in zip(panels, shown, strict=True):
             place = _place(found, result)
@@ -81,16 +78,6 @@ def residual_strips_figure(found: Comparison) -> Figure:
             _draw_strip(axes, found.records[place], result, place, beside)
         panels[-1].set_xlabel("time (s), or part of the drive's cycle where a record repeats")
     return figure
-
-
-def _strips(found: Comparison) -> list[Result]:
-    """The chosen model, the best one, and those that are nearest to it."""
-    fitted = [result for result in found.results if result.time is not None]
-    distance = lambda result: abs(result.time.total) if result.time is not None else 0.0
-    first = [result for result in fitted if result.name in (found.chosen, found.best)]
-    others = sorted((result for result in fitted if result not in first), key=distance)
-    kept = [*first, *others][:MOST_STRIPS]
-    return [result for result in fitted if result in kept]
 
 
 def _place(found: Comparison, result: Result) -> int:
@@ -106,7 +93,7 @@ def _draw_strip(axes: Axes, record: Record, result: Result, place: int, best: np
     display, frequency = record.measurement.display, cycles_a_second(record)
     repeats = frequency is not None and np.ptp(record.time) * frequency >= 1.0
     where = np.mod(record.time * frequency, 1.0) if repeats and frequency else record.time
-    few = slice(None, None, -(-record.time.size // MOST_POINTS))
+    few = slice(None, None, -(-record.time.size // 4000))  # more samples are one black bar
     colour = VERMILION if result.is_worse else BLUE
     axes.plot(where[few], display.scale * result.fitted.residuals[place][few], ".", color=colour, markersize=1.6)
     if best is not None:

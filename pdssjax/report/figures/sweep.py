@@ -1,5 +1,6 @@
 """Figures of sweeps: maps and lines of metrics, both directions beside each other, the border that was looked for."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,8 @@ from matplotlib.patheffects import withStroke
 
 from ...core import InputError, display_unit, with_micro_sign
 from ...sweeps import ALONG, DEAD, GRAZING, compared_directions
-from ._style import STYLE, VERMILION, in_equal_ratios, scale_axes
+from ..text.sweep import direction_word
+from ._style import BLUE, VERMILION, in_equal_ratios, scale_axes, styled_figure
 
 if TYPE_CHECKING:
     import xarray
@@ -24,16 +26,16 @@ if TYPE_CHECKING:
 
 _WIDTH = 1.2
 
-BARE = "0.85"
+_BARE = "0.85"
 """Colour of a cell of a map that has no value to show."""
 
 
-def has_border(dead: Float[np.ndarray, "rows columns"]) -> bool:
+def _has_border(dead: Float[np.ndarray, "rows columns"]) -> bool:
     """Whether `dead`, below zero in the dead zone, changes its sign on a map."""
     return min(dead.shape) > 1 and bool(np.nanmin(dead, initial=np.inf) < 0 < np.nanmax(dead, initial=-np.inf))
 
 
-def draw_border(
+def _draw_border(
     axes: Axes,
     x: Float[np.ndarray, " columns"],
     y: Float[np.ndarray, " rows"],
@@ -41,22 +43,17 @@ def draw_border(
     colour: str,
 ) -> None:
     """Draw the border of the dead zone, where there is one."""
-    if has_border(dead):
+    if _has_border(dead):
         axes.contour(x, y, dead, levels=[0.0], colors=colour, linewidths=_WIDTH).set(path_effects=_edge_effects(colour))
 
 
-def border_key(colour: str, says: str) -> Artist:
+def _border_key(colour: str, says: str) -> Artist:
     """The border's entry in a legend."""
     return Line2D([], [], color=colour, linewidth=_WIDTH, path_effects=_edge_effects(colour), label=says)
 
 
-def bare_key(says: str) -> Artist:
-    """Entry of cells without a value in a legend."""
-    return Patch(facecolor=BARE, label=says)
-
-
-def explain(figure: Figure, keys: Sequence[Artist]) -> None:
-    """Puts a legend with the `keys` below all panels."""
+def _explain(figure: Figure, keys: Sequence[Artist]) -> None:
+    """Put a legend with the `keys` below all panels."""
     if keys:
         figure.legend(handles=list(keys), loc="outside lower center", ncols=len(keys))
 
@@ -66,7 +63,7 @@ def _edge_effects(colour: str) -> list[withStroke]:
     return [withStroke(linewidth=_WIDTH + 1.2, foreground="0.2")] if colour == "w" else []
 
 
-PANELS = ("speed", "net_step", "efficiency", "back_slip")
+_PANELS = ("speed", "net_step", "efficiency", "back_slip")
 
 
 def sweep_figure(data: "xarray.Dataset") -> Figure:
@@ -83,12 +80,17 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
         raise InputError("sweep: found a single point, expected an axis to draw its metrics over.")
     names, shown, held = _cut(data, every)
     show = _points if names[0] not in data.coords else _lines if len(names) == 1 else _map
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 5.6), layout="constrained")
-        for axes, name in zip(figure.subplots(2, 2).ravel(), PANELS, strict=True):
+    with styled_figure(7.4, 5.6) as figure:
+        for axes, name in zip(figure.subplots(2, 2).ravel(), _PANELS, strict=True):
             show(axes, shown, name, names)
         if show is _map:
-            explain(figure, _keys(shown, names))
+            dead, keys = _dead(shown, names), list[Artist]()
+            if min(dead.shape) > 2 and _has_border(dead):
+                says = f"border of the dead zone (step efficiency of {100 * DEAD:g} %, either way)"
+                keys.append(_border_key(VERMILION, says))
+            if not all(bool(shown[name].notnull().all()) for name in _PANELS):
+                keys.append(Patch(facecolor=_BARE, label="failed"))
+            _explain(figure, keys)
         # A point with a reversal that grazes has its metrics.
         failed = int(np.isin(data.failure.values, (0, GRAZING), invert=True).sum())
         failures = [f"{failed} of {data.failure.size} points failed"] if failed else []
@@ -98,9 +100,14 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
 
 def _cut(data: "xarray.Dataset", dimensions: Sequence[str]) -> tuple[list[str], "xarray.Dataset", list[str]]:
     """The axes of a figure over the `dimensions`, the data at the middle of the others, and which that is in words."""
-    names = drawn_over(data, dimensions)
+    # The first two with several values, or the first where none has; that of a list or sample has no values of its own.
+    along = [name for name in dimensions if name in data.coords] or list(dimensions)
+    names = [name for name in along if data.sizes[name] > 1][:2] or along[:1]
     middle = {name: (data.sizes[name] - 1) // 2 for name in dimensions if name not in names}
-    return names, data.isel(middle), held_fixed(data, middle)
+    title = lambda name: data[name].attrs.get("long_name", name)
+    says = lambda name, i: f"{title(name)} = {_number(data[name][i])}" if name in data.coords else f"{name} {i}"
+    held = list(itertools.starmap(says, middle.items()))
+    return names, data.isel(middle), held
 
 
 def _caption(figure: Figure, data: "xarray.Dataset", further: Sequence[str]) -> None:
@@ -109,29 +116,14 @@ def _caption(figure: Figure, data: "xarray.Dataset", further: Sequence[str]) -> 
     figure.suptitle(said, x=0.01, ha="left", fontsize=9.5, wrap=True)
 
 
-def drawn_over(data: "xarray.Dataset", dimensions: Sequence[str]) -> list[str]:
-    """Axes of a figure: the first two of the `dimensions` with several values, or the first where none has."""
-    # The dimension of a list or sample has no values of its own.
-    along = [name for name in dimensions if name in data.coords] or list(dimensions)
-    return [name for name in along if data.sizes[name] > 1][:2] or along[:1]
-
-
-def held_fixed(data: "xarray.Dataset", middle: Mapping[str, int]) -> list[str]:
-    """Describe the values at which the dimensions that are not drawn are held."""
-    return [
-        f"{data[n].attrs.get('long_name', n)} = {_number(data[n][i])}" if n in data.coords else f"{n} {i}"
-        for n, i in middle.items()
-    ]
-
-
 def _lines(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None:
     (x,) = over
     values, label = shown(data[name])
     places, place = shown(data[x])
-    axes.plot(places, values, ".-", color="#0072B2", markersize=4)
+    axes.plot(places, values, ".-", color=BLUE, markersize=4)
     if f"{name}_low" in data:
         low, high = (shown(data[f"{name}_{end}"].rename(name))[0] for end in ("low", "high"))
-        axes.fill_between(places, low, high, color="#0072B2", alpha=0.25, linewidth=0)
+        axes.fill_between(places, low, high, color=BLUE, alpha=0.25, linewidth=0)
     scale_axes(axes, x=places)
     axes.set_xlabel(place)
     axes.set_ylabel(label)
@@ -141,13 +133,12 @@ def _points(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> N
     """The points of a list or sample over the first two things that change along it, their colour the metric."""
     changing = [str(c) for c in data.coords if data[c].dims == (over[0],)][:2]
     values, label = shown(data[name])
-    places = [shown(data[c]) for c in changing]
-    if len(places) == 1:
-        ((x, columns),) = places
-        axes.plot(x, values, ".", color="#0072B2", markersize=4)
+    x, columns = shown(data[changing[0]])
+    if len(changing) == 1:
+        axes.plot(x, values, ".", color=BLUE, markersize=4)
         axes.set_ylabel(label)
     else:
-        (x, columns), (y, rows) = places
+        y, rows = shown(data[changing[1]])
         image = axes.scatter(x, y, c=values, s=12, cmap="viridis")
         assert axes.figure is not None
         axes.figure.colorbar(image, ax=axes, label=label)
@@ -163,52 +154,23 @@ def _map(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None
     top = float(np.abs(known).max(initial=0.0))
     signed = known.min(initial=0.0) < 0 < known.max(initial=0.0)
     colours: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -top, "vmax": top} if signed else {"cmap": "viridis"}
-    axes.set_facecolor(BARE)
+    axes.set_facecolor(_BARE)
     image = axes.pcolormesh(x, y, values, shading="nearest", rasterized=True, **colours)
     assert axes.figure is not None
     axes.figure.colorbar(image, ax=axes, label=label)
-    _lines_of_a_map(axes, data, x, y, values, over)
+    if min(values.shape) > 2:
+        if known.size and np.ptp(known) > 1e-9 * top:  # more than rounding
+            lines = axes.contour(x, y, values, levels=6, colors="k", linewidths=0.4, alpha=0.6)
+            axes.clabel(lines, fontsize=6, fmt="%g", inline_spacing=2)
+        _draw_border(axes, x, y, _dead(data, over), VERMILION)
     scale_axes(axes, x=x, y=y)
     axes.set_xlabel(columns)
     axes.set_ylabel(rows)
 
 
-def _lines_of_a_map(
-    axes: Axes,
-    data: "xarray.Dataset",
-    x: Float[np.ndarray, " columns"],
-    y: Float[np.ndarray, " rows"],
-    values: Float[np.ndarray, "rows columns"],
-    over: list[str],
-) -> None:
-    """Contours of a metric, and in red the border of the dead zone, within which hardly anything is gained."""
-    if min(values.shape) < 3:
-        return
-    if _varies(values):
-        lines = axes.contour(x, y, values, levels=6, colors="k", linewidths=0.4, alpha=0.6)
-        axes.clabel(lines, fontsize=6, fmt="%g", inline_spacing=2)
-    draw_border(axes, x, y, _dead(data, over), VERMILION)
-
-
 def _dead(data: "xarray.Dataset", over: list[str]) -> Float[np.ndarray, "rows columns"]:
     """Size of the step efficiency less `DEAD`: negative in the dead zone, whichever way it moves."""
     return np.abs(data["efficiency"].transpose(*over).values) - DEAD
-
-
-def _keys(data: "xarray.Dataset", over: list[str]) -> list[Artist]:
-    """Entries of the legend of maps, only for what they show."""
-    dead, keys = _dead(data, over), []
-    if min(dead.shape) > 2 and has_border(dead):
-        keys.append(border_key(VERMILION, f"border of the dead zone (step efficiency of {100 * DEAD:g} %, either way)"))
-    if not all(bool(data[name].notnull().all()) for name in PANELS):
-        keys.append(bare_key("failed"))
-    return keys
-
-
-def _varies(values: Float[np.ndarray, "..."]) -> bool:
-    """Whether there is more than rounding to draw contours of."""
-    known = values[np.isfinite(values)]
-    return known.size > 0 and float(np.ptp(known)) > 1e-9 * float(np.abs(known).max())
 
 
 def shown(values: "xarray.DataArray") -> tuple[Float[np.ndarray, "..."], str]:
@@ -222,22 +184,12 @@ def shown(values: "xarray.DataArray") -> tuple[Float[np.ndarray, "..."], str]:
 
 def _number(value: "xarray.DataArray") -> str:
     if value.name == ALONG:
-        return _way(float(value))
+        return direction_word(float(value))
     unit, scale = display_unit(value.attrs["units"])
     return f"{float(value) * scale:.4g} {'' if unit == '1' else unit}".rstrip()
 
 
-def _way(direction: float) -> str:
-    return "forward" if direction > 0 else "backward"
-
-
-FORWARD, BACKWARD = "#0072B2", "#D55E00"
-
-_LOGARITHMIC_RATIO = 8.0
-"""Ratio of the largest to the median speed above which colours of a map are logarithmic."""
-
-_LEAST_ASYMMETRY = 1e-3
-"""Smallest range of the colours of the asymmetry; smaller differences are rounding."""
+_FORWARD, _BACKWARD = BLUE, VERMILION
 
 
 def directions_figure(data: "xarray.Dataset") -> Figure:
@@ -249,8 +201,7 @@ def directions_figure(data: "xarray.Dataset") -> Figure:
     """
     others = [str(name) for name in data.sizes if name != "drive_direction"]
     names, cut, held = _cut(data, others)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.6, 3.2), layout="constrained")
+    with styled_figure(9.6, 3.2) as figure:
         axes = figure.subplots(1, 2 if len(names) == 1 else 3)
         (_direction_lines if len(names) == 1 else _direction_maps)(list(axes), cut, names)
         _caption(figure, data, held)
@@ -261,9 +212,9 @@ def _direction_lines(axes: list[Axes], data: "xarray.Dataset", names: list[str])
     numbers = data[names[0]] if names[0] in data.coords else None
     places, place = shown(numbers) if numbers is not None else (np.arange(data.sizes[names[0]]), names[0])
     speeds, label = shown(_along_the_drive(data).transpose("drive_direction", ...))
-    for way, name, colour in ((1.0, "forward", FORWARD), (-1.0, "backward", BACKWARD)):
+    for way, colour in ((1.0, _FORWARD), (-1.0, _BACKWARD)):
         row = int(np.argmax(data.drive_direction.values == way))
-        axes[0].plot(places, speeds[row], ".-", color=colour, markersize=4, label=name)
+        axes[0].plot(places, speeds[row], ".-", color=colour, markersize=4, label=direction_word(way))
     axes[0].set_ylabel(label)
     axes[0].legend()
     axes[1].plot(places, 100.0 * compared_directions(data).asymmetry.values, ".-", color="k", markersize=4)
@@ -277,63 +228,54 @@ def _direction_lines(axes: list[Axes], data: "xarray.Dataset", names: list[str])
 def _direction_maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
     (y, rows), (x, columns) = (shown(data[name]) for name in names)
     speeds, label = shown(_along_the_drive(data))
-    scale, found = _speed_scale(speeds), {}
-    for panel, way, name, colour in zip(axes, (1.0, -1.0), ("forward", "backward"), (FORWARD, BACKWARD), strict=False):
+    known = speeds[np.isfinite(speeds) & (speeds > 0)]
+    top = float(known.max(initial=0.0))
+    scale, found = Normalize(0.0, top or 1.0), {}
+    if known.size and top > 8.0 * float(np.median(known)):  # most are small beside the largest
+        scale = LogNorm(1e-4 * top, top, clip=True)
+    for panel, way, colour in zip(axes, (1.0, -1.0), (_FORWARD, _BACKWARD), strict=False):
         part = data.sel(drive_direction=way)
         values, _ = shown(_along_the_drive(data).sel(drive_direction=way).transpose(*names))
         values = np.where(values > 0.0, values, np.nan)
-        panel.set_facecolor(BARE)
+        panel.set_facecolor(_BARE)
         panel.pcolormesh(x, y, values, shading="nearest", rasterized=True, cmap="viridis", norm=scale)
-        panel.set_title(name, color=colour, loc="left")
+        panel.set_title(direction_word(way), color=colour, loc="left")
         found[colour] = part.efficiency.transpose(*names).values - DEAD
-        draw_border(panel, x, y, found[colour], "w")
+        _draw_border(panel, x, y, found[colour], "w")
     figure = axes[0].figure
     assert isinstance(figure, Figure)
     figure.colorbar(axes[0].collections[0], ax=axes[:2], label=label)
     axes[2].set_title("what they differ by", loc="left")
     asymmetry = 100.0 * compared_directions(data).asymmetry.transpose(*names).values
-    reach = max(float(np.nanmax(np.abs(asymmetry), initial=0.0)), 100.0 * _LEAST_ASYMMETRY)
+    reach = max(float(np.nanmax(np.abs(asymmetry), initial=0.0)), 0.1)  # smaller differences are rounding
     colours: dict[str, Any] = {"cmap": "RdBu", "vmin": -reach, "vmax": reach}
     image = axes[2].pcolormesh(x, y, asymmetry, shading="nearest", rasterized=True, **colours)
     figure.colorbar(image, ax=axes[2], label="difference (% of the mean)")
     for colour, dead in found.items():
-        draw_border(axes[2], x, y, dead, colour)
+        _draw_border(axes[2], x, y, dead, colour)
     for panel in axes:
         panel.set_xlabel(columns)
         scale_axes(panel, x=x, y=y)
     axes[0].set_ylabel(rows)
-    explain(figure, _direction_keys(found, speeds))
+    _explain(figure, _direction_keys(found, speeds))
 
 
 def _direction_keys(
     found: Mapping[str, Float[np.ndarray, "rows columns"]], values: Float[np.ndarray, "..."]
 ) -> list[Artist]:
     """What the legend of maps explains, only what is there, of speeds along the drive."""
-    drawn = [colour for colour, dead in found.items() if has_border(dead)]
-    says = {FORWARD: "that of forward", BACKWARD: "that of backward"}
-    keys = [border_key("w", f"border of the dead zone (efficiency of {100 * DEAD:g} %)")] if drawn else []
-    keys += [border_key(colour, says[colour]) for colour in drawn]
+    drawn = [colour for colour, dead in found.items() if _has_border(dead)]
+    says = {_FORWARD: "that of forward", _BACKWARD: "that of backward"}
+    keys = [_border_key("w", f"border of the dead zone (efficiency of {100 * DEAD:g} %)")] if drawn else []
+    keys += [_border_key(colour, says[colour]) for colour in drawn]
     bare = ["moves the wrong way"] * bool((values <= 0).any()) + ["failed"] * bool(np.isnan(values).any())
-    return keys + [bare_key(" or ".join(bare))] * bool(bare)
+    return keys + [Patch(facecolor=_BARE, label=" or ".join(bare))] * bool(bare)
 
 
 def _along_the_drive(data: "xarray.Dataset") -> "xarray.DataArray":
     """The speeds, positive where the motion is the drive's."""
-    told = data.speed.attrs | {"long_name": "speed along the drive"}
-    return (data.speed * data.drive_direction).assign_attrs(told).rename("speed")
-
-
-def _speed_scale(speeds: Float[np.ndarray, "..."]) -> Normalize:
-    """Colours of speeds: by their logarithm where most are small beside the largest."""
-    known = speeds[np.isfinite(speeds) & (speeds > 0)]
-    top = float(known.max(initial=0.0))
-    if known.size and top > _LOGARITHMIC_RATIO * float(np.median(known)):
-        return LogNorm(1e-4 * top, top, clip=True)
-    return Normalize(0.0, top or 1.0)
-
-
-_MOST_LINES = 7
-"""Most values of the second axis that are drawn, the first and the last among them."""
+    attributes = data.speed.attrs | {"long_name": "speed along the drive"}
+    return (data.speed * data.drive_direction).assign_attrs(attributes).rename("speed")
 
 
 def border_figure(data: "xarray.Dataset") -> Figure:
@@ -342,8 +284,7 @@ def border_figure(data: "xarray.Dataset") -> Figure:
     Further axes are held at their middle, as the title says.  Where there is no border the line has a gap.
     """
     names, cut, held = _cut(data, [str(name) for name in data.border.dims])
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(5.2, 3.6), layout="constrained")
+    with styled_figure(5.2, 3.6) as figure:
         axes = figure.subplots()
         _border_lines(axes, cut, names)
         _caption(figure, data, [data.attrs["of"], *held])
@@ -354,17 +295,18 @@ def _border_lines(axes: Axes, data: "xarray.Dataset", names: list[str]) -> None:
     border, label = shown(data.border)
     axes.set_ylabel(label)
     if not names:
-        axes.axhline(float(border), color="#0072B2")
+        axes.axhline(float(border), color=BLUE)
         return
     places, place = shown(data[names[0]])
     if len(names) == 1:
-        axes.plot(places, border, ".-", color="#0072B2", markersize=4)
+        axes.plot(places, border, ".-", color=BLUE, markersize=4)
     else:
         values, what = shown(data[names[1]])
-        rows = np.unique(np.linspace(0, len(values) - 1, _MOST_LINES).round().astype(int))
+        # Seven at most, the first and the last among them.
+        rows = np.unique(np.linspace(0, len(values) - 1, 7).round().astype(int))
         for i, row in enumerate(rows):
             colour = matplotlib.colormaps["viridis"](i / max(len(rows) - 1, 1) * 0.9)
-            label = _way(float(values[row])) if names[1] == ALONG else f"{values[row]:.4g}"
+            label = direction_word(float(values[row])) if names[1] == ALONG else f"{values[row]:.4g}"
             axes.plot(places, border[:, row], ".-", color=colour, markersize=4, label=label)
         axes.legend(title=what)
     if in_equal_ratios(places):

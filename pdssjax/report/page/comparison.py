@@ -13,20 +13,19 @@ def comparison_page(found: Comparison, versions: Sequence[str] = (), commands: S
 
     **Arguments:** `versions` of what computed it, and the `commands` that repeat it, both as lines.
     """
-    from ..figures import residual_strips_figure
+    from ..figures import residual_strips_figure, selection_figure
 
-    words = selection_sentences(found)
+    words, scores, strips = selection_sentences(found), list[Illustration](), list[Illustration]()
+    if found.chosen:
+        caption = "Held-out log score of each model below the best one's, with two standard errors; the scale is "
+        caption += "logarithmic beyond 10. In brackets: free parameters."
+        scores.append(Illustration(selection_figure(found), caption))
+        caption = "Residuals of each model in the record where it leaves most, grey those of the best model. What "
+        caption += "returns at the same place of every cycle is misfit, not noise."
+        strips.append(Illustration(residual_strips_figure(found), caption))
     table = Table(words.head, words.rows, "<>>>>>><", words.caption)
-    answer = Section("Which model", words.answer, tables=[table], figures=_scores(found))
-    sections = [answer]
-    if words.lacks or found.chosen:
-        strips = []
-        if found.chosen:
-            caption = (
-                "Residuals of each model in the record where it leaves most, grey those of the best model. What "
-                "returns at the same place of every cycle is misfit, not noise."
-            )
-            strips = [Illustration(residual_strips_figure(found), caption)]
+    sections = [Section("Which model", words.answer, tables=[table], figures=scores)]
+    if words.lacks or strips:
         sections.append(Section("What each other model leaves", points=words.lacks, figures=strips))
     if words.telling:
         sections.append(Section("What would tell them apart", [words.telling]))
@@ -40,18 +39,6 @@ def comparison_page(found: Comparison, versions: Sequence[str] = (), commands: S
     if versions or commands:
         sections.append(Section("How to repeat it", text=versions, lines=commands))
     return Page(f"{found.title}: which model?", sections)
-
-
-def _scores(found: Comparison) -> list[Illustration]:
-    from ..figures import selection_figure
-
-    if not found.chosen:
-        return []
-    caption = (
-        "Held-out log score of each model below the best one's, with two standard errors; the scale is logarithmic "
-    )
-    caption += "beyond 10. In brackets: free parameters."
-    return [Illustration(selection_figure(found), caption)]
 
 
 def _parameters(result: Result) -> Table:

@@ -116,18 +116,13 @@ def write_page(path: str | os.PathLike[str], page: Page, *, overwrite: bool = Fa
     try:
         with open(handle, "w", encoding="utf-8", errors="xmlcharrefreplace") as file:
             file.write(text)
-        os.chmod(temporary, 0o666 & ~_umask())
+        mask = os.umask(0)  # to read it is to set it
+        os.umask(mask)
+        os.chmod(temporary, 0o666 & ~mask)
         os.replace(temporary, place)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
-
-
-def _umask() -> int:
-    """Permissions that new files of this process do not get."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def page_html(page: Page) -> str:
@@ -140,6 +135,8 @@ def page_html(page: Page) -> str:
     policy = f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'"
     policy += "; base-uri 'none'; form-action 'none'"
     numbers = itertools.count(1)
+    links = [f'<li><a href="#s{at}">{html.escape(each.heading)}</a></li>' for at, each in enumerate(page.sections, 1)]
+    contents = f'<nav aria-label="Contents"><ol>{"".join(links)}</ol></nav>\n' if len(links) > 2 else ""
     subtitle = f'<p class="subtitle">{html.escape(page.subtitle)}</p>\n' if page.subtitle else ""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -148,18 +145,10 @@ def page_html(page: Page) -> str:
         '<meta name="generator" content="pdssjax">\n'
         f"<title>{html.escape(page.title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n"
         f"<header>\n<h1>{html.escape(page.title)}</h1>\n{subtitle}</header>\n"
-        f"{_contents(page.sections)}<main>\n"
+        f"{contents}<main>\n"
         + "".join(_section(section, at, numbers) for at, section in enumerate(page.sections, 1))
         + f"</main>\n<script>{script}</script>\n</body>\n</html>\n"
     )
-
-
-def _contents(sections: Sequence[Section]) -> str:
-    """Links to the sections; nothing where there are hardly any."""
-    if len(sections) < 3:
-        return ""
-    links = [f'<li><a href="#s{at}">{html.escape(each.heading)}</a></li>' for at, each in enumerate(sections, 1)]
-    return f'<nav aria-label="Contents"><ol>{"".join(links)}</ol></nav>\n'
 
 
 def _section(section: Section, at: int, numbers: Iterator[int]) -> str:
@@ -175,7 +164,14 @@ def _section(section: Section, at: int, numbers: Iterator[int]) -> str:
         parts.append(
             f'<div class="table" tabindex="0" role="region" aria-label="{label}">\n{table_html(table)}\n</div>'
         )
-    parts += [_illustration(each, next(numbers)) for each in section.figures]
+    for shown, number in zip(section.figures, numbers, strict=False):
+        description = shown.description or shown.caption
+        if isinstance(shown.figure, bytes):
+            svg = _picture(shown.figure, description)
+        else:
+            svg = _svg(shown.figure, number, description)
+        caption = html.escape(f"Figure {number}. {shown.caption}")
+        parts.append(f"<figure>\n{svg}\n<figcaption>{caption}</figcaption>\n</figure>")
     heading, body = f"<h2>{html.escape(section.heading)}</h2>", "\n".join(parts)
     if section.folded:
         heading, body = "", f"<details>\n<summary>{heading}</summary>\n{body}\n</details>"
@@ -208,36 +204,17 @@ def _cell(tag: str, side: str, cell: str | Share, scope: str = "") -> str:
     return f'<{tag}{scope} style="text-align: {side}">{html.escape(str(text))}{bar}</{tag}>'
 
 
-def _illustration(shown: Illustration, number: int) -> str:
-    caption, description = f"Figure {number}. {shown.caption}", shown.description or shown.caption
-    if isinstance(shown.figure, bytes):
-        svg = _picture(shown.figure, description)
-    else:
-        svg = _svg(shown.figure, number, description)
-    return f"<figure>\n{svg}\n<figcaption>{html.escape(caption)}</figcaption>\n</figure>"
-
-
 _MOST_MARKERS, _MOST_VERTICES = 1500, 20_000
 """Samples of a line, with and without markers, from which on it is embedded as a picture: a page of megabytes opens
 slowly, and is refused by mail servers."""
-
-_DPI = 300
-"""Dots per inch of lines that are embedded as pictures, so that they bear some zooming."""
-
-
-_REM_AN_INCH = 8.0
-"""Width on the screen of an inch of a figure, in letters, so that all figures have lettering of one size."""
 
 
 def _element(view: str, inches: float, description: str, axes: list[dict[str, Any]], content: str) -> str:
     """An element of the page that can be zoomed."""
     label, known = (html.escape(each, quote=True) for each in (description, json.dumps(axes)))
-    style = f"max-width: {_REM_AN_INCH * inches:.4g}rem"
+    # Eight letters an inch, so that all figures have lettering of one size.
+    style = f"max-width: {8.0 * inches:.4g}rem"
     return f'<svg viewBox="{view}" style="{style}" role="img" aria-label="{label}" data-axes="{known}">{content}</svg>'
-
-
-_DOTS_AN_INCH = 200
-"""Resolution of PNG pictures: that of the plots in a folder of results."""
 
 
 def _picture(content: bytes, description: str) -> str:
@@ -247,7 +224,8 @@ def _picture(content: bytes, description: str) -> str:
     width, height = struct.unpack(">II", content[16:24])
     data = base64.b64encode(content).decode()
     image = f'<image width="{width}" height="{height}" href="data:image/png;base64,{data}"/>'
-    return _element(f"0 0 {width} {height}", width / _DOTS_AN_INCH, description, [], image)
+    # Plots in a folder of results have 200 dots an inch.
+    return _element(f"0 0 {width} {height}", width / 200, description, [], image)
 
 
 def _svg(figure: Figure, number: int, description: str) -> str:
@@ -255,27 +233,22 @@ def _svg(figure: Figure, number: int, description: str) -> str:
     file = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))  # the same figure gives the same text
     with _dense_lines_as_pictures(figure):
-        figure.savefig(file, format="svg", dpi=_DPI, metadata=nothing)
+        figure.savefig(file, format="svg", dpi=300, metadata=nothing)  # pictures in it bear some zooming
     text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>", "", file.getvalue(), flags=re.S)
     ((attributes, body),) = re.findall(r"<svg\b([^>]*)>(.*)</svg>", text, flags=re.S)
     view = re.findall(r'viewBox="([^"]+)"', attributes)[0]
     names = {name: f"f{number}-{at}" for at, name in enumerate(dict.fromkeys(re.findall(r'\bid="([^"]+)"', body)))}
-    renamed = lambda found: found[1] + names.get(found[2], found[2]) + found[3]
-    body = re.sub(r'(\bid=")([^"]+)(")', renamed, body)
-    body = re.sub(r'(\bhref="#)([^"]+)(")', renamed, body)
-    body = re.sub(r"(\burl\(#)([^)]+)(\))", renamed, body)
+    renamed = lambda found: found[1] + names.get(found[2], found[2])
+    body = re.sub(r"""(\bid="|\bhref="#|\burl\(#)([^")]+)""", renamed, body)
     return _element(view, figure.get_figwidth(), description, _axes(figure), body.strip())
 
 
 @contextmanager
 def _dense_lines_as_pictures(figure: Figure) -> Iterator[None]:
     """Rasterise lines of many samples while the figure is saved; afterwards the figure is as before."""
+    most = lambda line: _MOST_VERTICES if line.get_marker() in (None, "", " ", "None", "none") else _MOST_MARKERS
     lines = [line for axes in figure.axes for line in axes.lines if not line.get_rasterized()]
-    dense = []
-    for line in lines:
-        marked = line.get_marker() not in (None, "", " ", "None", "none")
-        if np.size(line.get_xdata()) > (_MOST_MARKERS if marked else _MOST_VERTICES):
-            dense.append(line)
+    dense = [line for line in lines if np.size(line.get_xdata()) > most(line)]
     for line in dense:
         line.set_rasterized(True)
     try:
@@ -292,19 +265,12 @@ def _axes(figure: Figure) -> list[dict[str, Any]]:
     """
     found = []
     for axes in figure.axes:
-        box = axes.get_position()
-        if axes.name == "rectilinear" and axes.get_visible() and axes.get_xscale() == axes.get_yscale() == "linear":
-            place = [box.x0, 1.0 - box.y1, box.x1, 1.0 - box.y0]
-            edges = [*axes.get_xlim(), *axes.get_ylim()]
-            if not all(map(math.isfinite, edges)):
-                continue
-            found.append(
-                {
-                    "place": [round(float(each), 5) for each in place],
-                    "edges": [float(f"{each:.9g}") for each in edges],
-                    "labels": [_label(axes, "x"), _label(axes, "y")],
-                }
-            )
+        box, edges = axes.get_position(), [*axes.get_xlim(), *axes.get_ylim()]
+        is_linear = axes.name == "rectilinear" and axes.get_xscale() == axes.get_yscale() == "linear"
+        if is_linear and axes.get_visible() and all(map(math.isfinite, edges)):
+            place = [round(float(end), 5) for end in (box.x0, 1.0 - box.y1, box.x1, 1.0 - box.y0)]
+            labels = [_label(axes, "x"), _label(axes, "y")]
+            found.append({"place": place, "edges": [float(f"{end:.9g}") for end in edges], "labels": labels})
     return found
 
 

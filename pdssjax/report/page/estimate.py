@@ -10,15 +10,7 @@ import numpy as np
 
 from ...core import InputError, percent, rounded, strongest_pairs, with_micro_sign
 from ...integration import TAYLOR
-from ...study import (
-    OWN_MINIMISER,
-    Estimate,
-    FittedParameter,
-    FittedRecord,
-    Provenance,
-    find_entry,
-    split_path,
-)
+from ...study import OWN_MINIMISER, Estimate, FittedParameter, FittedRecord, Provenance, find_entry, split_path
 from .. import figures
 from ..text._layout import counted
 from ..text.estimate import (
@@ -69,12 +61,10 @@ def _result(estimate: Estimate) -> Iterator[str]:
             "optimum is a wrong one: see the findings."
         )
     apart = f", and {statistics.measured_apart} measured apart" if statistics.measured_apart else ""
-    judged = (
-        "The noise was estimated from the residuals of the fit, so chi-square does not judge the model."
-        if statistics.noise_estimated
-        else f"The reduced chi-square is {statistics.reduced_chi2:.4g}; it is 1 where the model explains the records "
-        "to within their noise."
-    )
+    judged = "The noise was estimated from the residuals of the fit, so chi-square does not judge the model."
+    if not statistics.noise_estimated:
+        judged = f"The reduced chi-square is {statistics.reduced_chi2:.4g}; it is 1 where the model explains the "
+        judged += "records to within their noise."
     yield (
         f"{counted(len(estimate.names), 'parameter')} and "
         f"{counted(statistics.free - len(estimate.names), 'sensor zero')} were fitted to "
@@ -110,10 +100,7 @@ def _measured(estimate: Estimate) -> Section:
     for record in estimate.records:
         scale, unit = record.display.scale, with_micro_sign(record.display.unit)
         noise = "found" if record.noise_estimated else "given"
-        span, interval = "", ""
-        if record.time.size > 1:
-            span = f"{record.time[0]:.4g} to {record.time[-1]:.4g}"
-            interval = f"{1e3 * float(np.median(np.diff(record.time))):.4g}"
+        has_samples = record.time.size > 1
         of = "".join(f" of {word}" if key == "of" else f", {key} {word}" for key, word in record.words.items())
         rows.append(
             [
@@ -122,8 +109,8 @@ def _measured(estimate: Estimate) -> Section:
                 record.excitation,
                 "fitted" if record.role == "fit" else "validation",
                 str(record.samples),
-                span,
-                interval,
+                f"{record.time[0]:.4g} to {record.time[-1]:.4g}" if has_samples else "",
+                f"{1e3 * float(np.median(np.diff(record.time))):.4g}" if has_samples else "",
                 f"{scale * record.noise:.3g} {unit}, {noise}" if math.isfinite(record.noise) else "unknown",
                 record.file,
             ]
@@ -131,17 +118,12 @@ def _measured(estimate: Estimate) -> Section:
     head = ["record", "measured", "excitation", "role", "samples", "from, to (s)", "interval (ms)", "noise", "file"]
     # An older folder does not say what moved the rig, nor which files were read.
     there = [at for at in range(len(head)) if any(row[at] for row in rows)]
-    caption = (
-        "Validation records are predicted and compared, not fitted. Times count from the start of the drive. The noise "
-        "was given, or found in the residuals."
+    only = lambda cells: [cells[at] for at in there]
+    caption = "Validation records are predicted and compared, not fitted. Times count from the start of the drive. "
+    caption += "The noise was given, or found in the residuals."
+    return Section(
+        "What was measured", tables=[Table(only(head), list(map(only, rows)), "".join(only("<<<<>>><<")), caption)]
     )
-    shown = Table(
-        [head[at] for at in there],
-        [[row[at] for at in there] for row in rows],
-        "".join("<<<<>>><<"[at] for at in there),
-        caption,
-    )
-    return Section("What was measured", tables=[shown])
 
 
 def _fitted(estimate: Estimate) -> Section:
@@ -149,8 +131,11 @@ def _fitted(estimate: Estimate) -> Section:
     chosen, rows = estimate.actuator, []
     for family in ("piezo", "friction"):
         if family in chosen:
-            name = str(chosen[family])
-            rows.append([f"{family} model", name, _summary(f"{family}/{name.partition(':')[0]}")])
+            name, summary = str(chosen[family]), ""
+            with contextlib.suppress(InputError):  # this version may not have it
+                summary = find_entry(f"{family}/{name.partition(':')[0]}").summary
+            # Without the numbers of equations.
+            rows.append([f"{family} model", name, re.sub(r" \([\d., -]+\)", "", summary)])
     if "anisotropic" in str(chosen.get("friction")):
         rows.append(["state of the law", str(chosen.get("friction_state", "")), "What stays the same at a reversal."])
     if "feedback" in chosen:
@@ -164,8 +149,9 @@ def _fitted(estimate: Estimate) -> Section:
         "peaks": "The piezo from the peaks of its step responses, then the friction with the piezo held.",
     }
     rows.append(["method", estimate.method, ways[estimate.method]])
-    losses = {"squares": "Sum of squared residuals, each divided by its noise."}
-    rows.append(["loss", estimate.loss, losses.get(estimate.loss, "A robust loss, under which glitches pull little.")])
+    robust = "A robust loss, under which glitches pull little."
+    squares = "Sum of squared residuals, each divided by its noise."
+    rows.append(["loss", estimate.loss, squares if estimate.loss == "squares" else robust])
     if estimate.solver != TAYLOR:
         rows.append(["integrator", estimate.solver, "In place of the Taylor series."])
     if estimate.minimiser != OWN_MINIMISER:
@@ -175,20 +161,25 @@ def _fitted(estimate: Estimate) -> Section:
     return Section("What was fitted", tables=[Table(["what", "choice", "meaning"], rows, "<<<")])
 
 
-def _summary(name: str) -> str:
-    """The first sentence about a member; nothing where this version does not have it."""
-    with contextlib.suppress(InputError):
-        return re.sub(r" \([\d., -]+\)", "", find_entry(name).summary)  # without numbers of equations
-    return ""
-
-
-_LEAST_SHARE, _DECADES = 1e-4, 4.0
-"""Relative error at which a bar has no length, and the decades from there to a full one."""
-
-
 def _parameters(estimate: Estimate) -> Section:
-    meanings = _meanings(estimate)
-    rows = [_parameter_row(parameter, meanings.get(path, "")) for path, parameter in estimate.parameters.items()]
+    meanings, rows = _meanings(estimate), []
+    for path, parameter in estimate.parameters.items():
+        cells = parameter_cells(parameter)
+        relative = abs(parameter.standard_error / parameter.value) if parameter.value else math.nan
+        # Bars are empty at 0.01 % and full four decades above.
+        length = math.log10(relative / 1e-4) / 4.0 if relative > 0.0 else math.nan
+        known = parameter.free and math.isfinite(parameter.standard_error)
+        rows.append(
+            [
+                path,
+                cells.value,
+                cells.error if known else "",
+                with_micro_sign(cells.unit) or "1",
+                Share(cells.share, length) if known else "",
+                cells.interval(" to "),
+                ". ".join(filter(None, [parameter.remark.capitalize(), meanings.get(path, "")])),
+            ]
+        )
     head = ["parameter", "value", "standard error", "unit", "relative error", "95 % interval", "what it is"]
     caption = "Bars are logarithmic, from 0.01 % (empty) to 100 % (full)."
     tables, drawings = [Table(head, rows, "<>><><<", caption)], []
@@ -198,9 +189,8 @@ def _parameters(estimate: Estimate) -> Section:
         way = interval_way(estimate)
         basis = f"by the {models[0]} error model" + (f", the interval by {way}" if way else "")
         text.append(
-            f"Standard error, relative error and interval are {basis}. Coloured errors hold "
-            "whatever the colour of the noise; errors with misfit also cover what the model's own error may do to a "
-            "parameter."
+            f"Standard error, relative error and interval are {basis}. Coloured errors hold whatever the colour of the "
+            "noise; errors with misfit also cover what the model's own error may do to a parameter."
         )
     free = [parameter for parameter in estimate.parameters.values() if parameter.free]
     if any(p.value and math.isfinite(p.standard_error) for p in free):
@@ -221,35 +211,12 @@ def _further_errors(estimate: Estimate, free: list[FittedParameter], models: lis
         errors = [parameter.errors[model].standard_error if parameter.errors else math.nan for model in models]
         if naive:
             errors.append(math.nan if parameter.naive_standard_error is None else parameter.naive_standard_error)
-        rows.append(
-            [
-                parameter.path,
-                *(percent(error, parameter.value) for error in errors),
-                cells.start,
-                with_micro_sign(cells.unit) or "1",
-            ]
-        )
+        shares = [percent(error, parameter.value) for error in errors]
+        rows.append([parameter.path, *shares, cells.start, with_micro_sign(cells.unit) or "1"])
     caption = "Standard errors by every error model, in per cent of the value, and where the fit started."
     if naive:
         caption += " Naive errors take the result of the piezo's own fit for exact."
     return Table(head, rows, "<" + ">" * (len(head) - 2) + "<", caption)
-
-
-def _parameter_row(parameter: FittedParameter, meaning: str) -> list[str | Share]:
-    """The cells of a parameter."""
-    cells = parameter_cells(parameter)
-    relative = abs(parameter.standard_error / parameter.value) if parameter.value else math.nan
-    length = math.log10(relative / _LEAST_SHARE) / _DECADES if relative > 0.0 else math.nan
-    known = parameter.free and math.isfinite(parameter.standard_error)
-    return [
-        parameter.path,
-        cells.value,
-        cells.error if known else "",
-        with_micro_sign(cells.unit) or "1",
-        Share(cells.share, length) if known else "",
-        cells.interval(" to "),
-        ". ".join(filter(None, [parameter.remark.capitalize(), meaning])),
-    ]
 
 
 def _meanings(estimate: Estimate) -> dict[str, str]:
@@ -264,16 +231,14 @@ def _meanings(estimate: Estimate) -> dict[str, str]:
         family, _, name = base.partition(".")
         for home in homes.get(family, [family]):
             with contextlib.suppress(InputError, KeyError):
-                told = find_entry(home).parameters[name][1]
+                text = find_entry(home).parameters[name][1]
                 under = f" (under {condition})" if condition else ""
-                found[path] = f"{told.partition(' [')[0].rstrip('.')}{told.partition(']')[2].rstrip('.')}{under}"
+                found[path] = f"{text.partition(' [')[0].rstrip('.')}{text.partition(']')[2].rstrip('.')}{under}"
     return found
 
 
 WORTH_KNOWING = 0.7
 """Correlations smaller than this in size are in the figure alone."""
-
-_MOST_PAIRS = 6
 
 
 def _correlations(estimate: Estimate) -> Section:
@@ -285,7 +250,7 @@ def _correlations(estimate: Estimate) -> Section:
             f"Of {counted(len(pairs), 'pair')} with a correlation of {WORTH_KNOWING:g} or more in size, an error of "
             "one parameter goes with an error of the other: the records determine a combination better than either."
         )
-        rows = [[path, other, f"{value:+.3f}"] for path, other, value in pairs[:_MOST_PAIRS]]
+        rows = [[path, other, f"{value:+.3f}"] for path, other, value in pairs[:6]]
         tables.append(Table(["parameter", "with", "correlation"], rows, "<<>", "The strongest correlations."))
     else:
         text.append(f"No two parameters are correlated by {WORTH_KNOWING:g} or more in size.")
@@ -324,43 +289,29 @@ def _records(estimate: Estimate) -> list[Section]:
                 rounded(record.offset * scale, places),
             ]
         )
-    caption = (
-        "Residuals are measured less predicted: their root mean square and the largest. Chi-square per sample is "
-        "against the noise given, and 1 where the record is explained; zero is that of the sensor."
-    )
+    caption = "Residuals are measured less predicted: their root mean square and the largest. Chi-square per sample is "
+    caption += "against the noise given, and 1 where the record is explained; zero is that of the sensor."
+    table = Table(head, rows, "<<>>>><>>", caption)
     drawn = [record for record in estimate.records if record.time.size > 1]
-    text = [
-        "Measured (grey) and predicted (orange), the residual (blue) below, two standard deviations of the noise as a "
-        "grey band. To the right the fastest moment, which is shaded in the record, or force against motion."
-    ]
+    text = "Measured (grey) and predicted (orange), the residual (blue) below, two standard deviations of the noise as "
+    text += "a grey band. To the right the fastest moment, which is shaded in the record, or force against motion."
     if len(drawn) < len(estimate.records):
-        text = ["Some records have no samples in this folder, as where a fit was broken off, and are not drawn."]
-    drawings = [_record_illustration(record) for record in drawn]
-    drawings += [
-        Illustration(figures.loop_figure(record), f'Displacement against voltage of "{record.name}".')
-        for record in drawn
-        if record.simulated and figures.has_loops(record)
-    ]
-    shown = Section("Measured and predicted", text, tables=[Table(head, rows, "<<>>>><>>", caption)], figures=drawings)
-    split = [
-        Illustration(
-            figures.residual_split_figure(record),
-            f'Residuals of "{record.name}": what repeats every cycle is misfit of the model, the rest is noise.',
-        )
-        for record in drawn
-        if record.role == "fit" and record.simulated
-    ]
-    if not split:
-        return [shown]
-    return [shown, Section("Residuals: misfit and noise", figures=split, folded=True)]
-
-
-def _record_illustration(record: FittedRecord) -> Illustration:
-    by = f", {record.excitation}" if record.excitation else ""
-    of = "contact" if record.motion is not None else record.measures
-    caption = f'"{record.name}": {record.display.quantity} of the {of}{by}.'
-    description = f"Measured and predicted, {caption} {_quality(record)}."
-    return Illustration(figures.record_figure(record), caption, description)
+        text = "Some records have no samples in this folder, as where a fit was broken off, and are not drawn."
+    drawings, loops, split = list[Illustration](), list[Illustration](), list[Illustration]()
+    for record in drawn:
+        by = f", {record.excitation}" if record.excitation else ""
+        of = "contact" if record.motion is not None else record.measures
+        caption = f'"{record.name}": {record.display.quantity} of the {of}{by}.'
+        description = f"Measured and predicted, {caption} {_quality(record)}."
+        drawings.append(Illustration(figures.record_figure(record), caption, description))
+        if record.simulated and figures.has_loops(record):
+            caption = f'Displacement against voltage of "{record.name}".'
+            loops.append(Illustration(figures.loop_figure(record), caption))
+        if record.simulated and record.role == "fit":
+            caption = f'Residuals of "{record.name}": what repeats every cycle is misfit, the rest is noise.'
+            split.append(Illustration(figures.residual_split_figure(record), caption))
+    sections = [Section("Measured and predicted", [text], tables=[table], figures=[*drawings, *loops])]
+    return sections + [Section("Residuals: misfit and noise", figures=split, folded=True)] * bool(split)
 
 
 def _more(estimate: Estimate) -> Iterator[Section]:
@@ -370,14 +321,12 @@ def _more(estimate: Estimate) -> Iterator[Section]:
         figure = Illustration(figures.profile_figure(estimate.profiles, estimate.parameters), caption)
         yield _report_part("Profiles of chi-square", format_profiles(estimate.profiles, estimate.parameters), figure)
     if estimate.draws is not None:
-        text = format_draws(estimate.draws, estimate.parameters)
+        drawings = []
         if estimate.draws.values.size:
             caption = "Draws beside the normal distribution of the linear model, and pairs beside its 95 % ellipse."
-            yield _report_part(
-                estimate.draws.kind.capitalize(), text, Illustration(figures.draws_figure(estimate), caption)
-            )
-        else:
-            yield _report_part(estimate.draws.kind.capitalize(), text)
+            drawings = [Illustration(figures.draws_figure(estimate), caption)]
+        text = format_draws(estimate.draws, estimate.parameters)
+        yield _report_part(estimate.draws.kind.capitalize(), text, *drawings)
     if estimate.multistart is not None:
         caption = "Chi-square where each start ended, sorted, and the parameters at the optima."
         figure = Illustration(figures.multistart_figure(estimate.multistart), caption)
@@ -396,13 +345,13 @@ def _report_part(heading: str, text: str, *drawings: Illustration) -> Section:
 
 def _origin(made: Provenance, estimate: Estimate) -> Section:
     """How to make it again."""
-    text = [f"The fit took {estimate.seconds:.3g} s."]
+    text, lines = [f"The fit took {estimate.seconds:.3g} s."], list[str]()
     if made.command:
         lines = [made.command]
     elif made.study:
-        settings = {"method": (estimate.method, "joint"), "loss": (estimate.loss, "squares")}
-        settings["effort"] = estimate.effort, "usual"
-        given = "".join(f", {key}={value!r}" for key, (value, usual) in settings.items() if value != usual)
+        usual = {"method": "joint", "loss": "squares", "effort": "usual"}
+        settings = {key: getattr(estimate, key) for key in usual}
+        given = "".join(f", {key}={value!r}" for key, value in settings.items() if value != usual[key])
         lines = [
             "import pdssjax",
             "",
@@ -412,7 +361,6 @@ def _origin(made: Provenance, estimate: Estimate) -> Section:
             'estimate.report("report.html")',
         ]
     else:
-        lines = []
         text.append("The results do not say with which command and which study they were made.")
     rows = [[package, version] for package, version in made.versions.items()]
     tables = [Table(["package", "version"], rows, "<<", "Versions that computed it.")] if rows else []

@@ -33,11 +33,14 @@ WORTH_KNOWING = 0.3
 
 def format_report(estimate: Estimate) -> str:
     """The whole report, in ASCII apart from what the study's own title and names contain."""
+    pairs = strongest_pairs(estimate.names, estimate.correlation, WORTH_KNOWING)
+    rows = [[f"C({path}, {other})", f"{value:+.3f}"] for path, other, value in pairs]
+    correlations = aligned_table("<>", rows) if rows else "    none\n"
     parts = [
-        heading(estimate.title) + _outcome(estimate) + _statistics(estimate),
+        heading(estimate.title) + _outcome(estimate),
         heading("Parameters") + _parameters(estimate),
         format_records(estimate.records),
-        heading(f"Correlations of size {WORTH_KNOWING:g} or more") + _correlations(estimate),
+        heading(f"Correlations of size {WORTH_KNOWING:g} or more") + correlations,
     ]
     if estimate.diagnosis is not None and len(estimate.diagnosis.combinations) > 1:
         parts.append(format_diagnosis(estimate.diagnosis))
@@ -55,28 +58,28 @@ def format_report(estimate: Estimate) -> str:
 
 
 def _outcome(estimate: Estimate) -> str:
+    """How the fit ended, and its statistics."""
     verdict = estimate.verdict if estimate.success else estimate.verdict.upper()
     loss = "" if estimate.loss == "squares" else f" with {estimate.loss.capitalize()}'s loss"
     outcome = f"    {estimate.method} fit{loss} {verdict}: {estimate.message}\n"
     if estimate.converged and not estimate.explained:
-        outcome += (
-            f"    {estimate.why_unexplained.capitalize()}.\n"
-            "    The law lacks something, or the optimum is wrong: see the notes.\n"
-        )
-    return outcome
-
-
-def _statistics(estimate: Estimate) -> str:
+        outcome += f"    {estimate.why_unexplained.capitalize()}.\n"
+        outcome += "    The law lacks something, or the optimum is wrong: see the notes.\n"
     statistics = estimate.statistics
-    fitted = sum(record.role == "fit" for record in estimate.records)
+    fitted = [record for record in estimate.records if record.role == "fit"]
     apart = f", and {statistics.measured_apart} measured apart" if statistics.measured_apart else ""
+    silent = sum(record.noise_estimated for record in fitted)
+    mixed = f" (noise estimated from the residuals in {silent} of {len(fitted)} records)" if silent else ""
+    reduced_chi2 = f"{statistics.reduced_chi2:.6g}{mixed}"
+    if statistics.noise_estimated:  # then it is 1 by construction
+        reduced_chi2 = "- (noise estimated from these residuals)"
     lines = [
-        ("records fitted", f"{fitted} of {len(estimate.records)}"),
+        ("records fitted", f"{len(fitted)} of {len(estimate.records)}"),
         ("samples fitted", f"{statistics.samples}{apart}"),
         ("free parameters", f"{len(estimate.names)}, with offsets {statistics.free}"),
         ("iterations", f"{statistics.iterations} ({statistics.evaluations} evaluations, {estimate.seconds:.1f} s)"),
         ("chi-square", f"{statistics.chi2:.6g}"),
-        ("reduced chi-square", _reduced_chi2(estimate)),
+        ("reduced chi-square", reduced_chi2),
         ("Akaike criterion", f"{statistics.aic:.6g}"),
         ("Bayesian criterion", f"{statistics.bic:.6g}"),
     ]
@@ -86,43 +89,29 @@ def _statistics(estimate: Estimate) -> str:
         lines.append(("minimiser", estimate.minimiser))
     if estimate.check is not None:
         lines.append(("check", estimate.check.sentence))
-    return "".join(f"    {name:<19}= {text}\n" for name, text in lines)
-
-
-def _reduced_chi2(estimate: Estimate) -> str:
-    """Reduced chi-square as text; "-" where it is 1 by construction."""
-    fitted = [record for record in estimate.records if record.role == "fit"]
-    silent = sum(record.noise_estimated for record in fitted)
-    if estimate.statistics.noise_estimated:
-        return "- (noise estimated from these residuals)"
-    mixed = f" (noise estimated from the residuals in {silent} of {len(fitted)} records)" if silent else ""
-    return f"{estimate.statistics.reduced_chi2:.6g}{mixed}"
+    return outcome + "".join(f"    {name:<19}= {text}\n" for name, text in lines)
 
 
 def _parameters(estimate: Estimate) -> str:
+    """The table of parameters, what the errors by each model cover, and which to believe."""
     models = list(next((p.errors for p in estimate.parameters.values() if p.errors), {}))
     names = [model.replace("-", " ") for model in models] or [""]
-    head = ["", "unit", "value", "+/-", *names, "naive", "95 % interval", "start", ""]
-    rows = [head, *(_parameter(parameter, models) for parameter in estimate.parameters.values())]
-    align, legend = "<<>>" + ">" * len(names) + "><<<", ""
-    if estimate.method != "joint":
-        legend = "    naive: error with the piezo's own fit taken as exact; +/-: with its errors included.\n"
-    else:
-        place = 4 + len(names)
-        align, rows = align[:place] + align[place + 1 :], [row[:place] + row[place + 1 :] for row in rows]
-    return aligned_table(align, rows) + legend + _about_errors(estimate, models)
-
-
-def _about_errors(estimate: Estimate, models: Sequence[str]) -> str:
-    """Explain what the errors by each model cover, and which to believe."""
+    has_naive = estimate.method != "joint"
+    head = ["", "unit", "value", "+/-", *names, *["naive"] * has_naive, "95 % interval", "start", ""]
+    rows = [_parameter(parameter, models, has_naive) for parameter in estimate.parameters.values()]
+    text = aligned_table("<<>>" + ">" * (len(names) + has_naive) + "<<<", [head, *rows])
+    if has_naive:
+        text += "    naive: error with the piezo's own fit taken as exact; +/-: with its errors included.\n"
     if estimate.error_advice is None:
-        return ""
+        return text
     from ...inference import all_error_models
 
-    lines = [note(f"{m.name.replace('-', ' ')}: covers {m.covers}.") for m in all_error_models() if m.name in models]
+    for model in all_error_models():
+        if model.name in models:
+            text += note(f"{model.name.replace('-', ' ')}: covers {model.covers}.")
     way = interval_way(estimate)
     which = f"+/-: {models[0]}; interval: by {way}" if way else f"+/- and interval: {models[0]}"
-    return "".join(lines) + note(f"{which}. {estimate.error_advice.reason}")
+    return text + note(f"{which}. {estimate.error_advice.reason}")
 
 
 def interval_way(estimate: Estimate) -> str:
@@ -168,7 +157,7 @@ def parameter_cells(parameter: FittedParameter) -> ParameterCells:
     )
 
 
-def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
+def _parameter(parameter: FittedParameter, models: Sequence[str], has_naive: bool) -> list[str]:
     cells, naive = parameter_cells(parameter), parameter.naive_standard_error
     errors = [parameter.errors[model].standard_error for model in models if parameter.errors]
     shares = [percent(error, parameter.value) for error in errors or [parameter.standard_error] * max(len(models), 1)]
@@ -178,25 +167,11 @@ def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
         cells.value,
         cells.error,
         *shares,
-        "-" if naive is None else percent(naive, parameter.value),
+        *["-" if naive is None else percent(naive, parameter.value)] * has_naive,
         cells.interval(" .. ") or "-",
         cells.start,
         parameter.remark,
     ]
-
-
-def _correlations(estimate: Estimate) -> str:
-    pairs = strongest_pairs(estimate.names, estimate.correlation, WORTH_KNOWING)
-    if not pairs:
-        return "    none\n"
-    return aligned_table("<>", [[f"C({path}, {other})", f"{value:+.3f}"] for path, other, value in pairs])
-
-
-_MOST_PRODUCTS = 3
-"""Number of combinations listed, of the least and of the best determined ones each."""
-
-_PARTS = 4
-"""Most parameters of a combination that are named."""
 
 
 def format_diagnosis(diagnosis: Diagnosis) -> str:
@@ -212,11 +187,10 @@ def format_diagnosis(diagnosis: Diagnosis) -> str:
 
 
 def ranked_products(diagnosis: Diagnosis, times: str = "  ") -> tuple[list[list[str]], list[list[str]]]:
-    """Rows of the products that are determined least, and of those that are best: each with its relative error."""
+    """Rows of the three products that are determined least, and of the three best: each with its relative error."""
     ranked = sorted(diagnosis.combinations, key=lambda found: -found.relative_error)
-    best = ranked[max(_MOST_PRODUCTS, len(ranked) - _MOST_PRODUCTS) :][::-1]
     row = lambda each: [_product(each, times), f"{100 * each.relative_error:.2g} %"]
-    return list(map(row, ranked[:_MOST_PRODUCTS])), list(map(row, best))
+    return list(map(row, ranked[:3])), list(map(row, ranked[3:][-3:][::-1]))
 
 
 def remedy_gains(remedy: Remedy) -> str:
@@ -227,7 +201,7 @@ def remedy_gains(remedy: Remedy) -> str:
 def _product(combination: Combination, times: str) -> str:
     """Text of a combination, such as "friction.sigma1_b  friction.f_ss_b^-0.42"."""
     parts = [path if abs(e - 1.0) < 0.005 else f"{path}^{e:.2f}" for path, e in combination.exponents.items()]
-    return times.join([*parts[:_PARTS], *["..."] * (len(parts) > _PARTS)])
+    return times.join([*parts[:4], *["..."] * (len(parts) > 4)])
 
 
 def format_amplification(amplification: Amplification) -> str:
@@ -297,18 +271,11 @@ def _draws_row(drawn: ParameterDraws, parameter: FittedParameter, posterior: boo
         interval(drawn.percentile),
     ]
     if posterior:
-        return [*row, "-" if drawn.rhat is None else f"{drawn.rhat:.3f}", _count(drawn)]
-    return [
-        *row,
-        "-" if drawn.basic is None else interval(drawn.basic),
-        rounded(parameter.standard_error * factor, places),
-    ]
-
-
-def _count(drawn: ParameterDraws) -> str:
-    """Text of the smaller effective sample size, of the middle or of the tails; "-" where none is known."""
-    known = [size for size in (drawn.effective, drawn.effective_tails) if size is not None]
-    return f"{min(known):.0f}" if known else "-"
+        sizes = [size for size in (drawn.effective, drawn.effective_tails) if size is not None]
+        rhat = "-" if drawn.rhat is None else f"{drawn.rhat:.3f}"
+        return [*row, rhat, f"{min(sizes):.0f}" if sizes else "-"]
+    mirrored = "-" if drawn.basic is None else interval(drawn.basic)
+    return [*row, mirrored, rounded(parameter.standard_error * factor, places)]
 
 
 def format_profiles(profiles: Sequence[Profile], parameters: Mapping[str, FittedParameter]) -> str:
@@ -317,17 +284,14 @@ def format_profiles(profiles: Sequence[Profile], parameters: Mapping[str, Fitted
     Free parameters without a profile are there, too, held by a bound at the estimate or without information.
     """
     rows = [["", "verdict", "below", "above", "quality"]]
+    ratio = lambda verdict, square: f"{math.sqrt(square):.2f}" if verdict == "bounded" else "-"
     for profile in profiles:
-        low, high = parameters[profile.path].verdicts or ("", "")
+        verdicts, ends = parameters[profile.path].verdicts or ("", ""), profile.linear[[0, -1]] / profile.threshold
         quality = "-" if math.isnan(profile.quality) else f"{profile.quality:.2f}"
-        ends = [
-            _ratio(low, profile.linear[0] / profile.threshold),
-            _ratio(high, profile.linear[-1] / profile.threshold),
-        ]
-        rows.append([profile.path, profile.verdict, *ends, quality])
-    told = {profile.path for profile in profiles}
+        rows.append([profile.path, profile.verdict, *map(ratio, verdicts, ends), quality])
+    profiled = {profile.path for profile in profiles}
     for path, parameter in parameters.items():
-        if parameter.free and path not in told and (parameter.at_bound or not parameter.identifiable):
+        if parameter.free and path not in profiled and (parameter.at_bound or not parameter.identifiable):
             verdict = "held by a bound: the estimate lies there" if parameter.at_bound else "flat: no information"
             rows.append([path, verdict, "-", "-", "-"])
     legend = (
@@ -335,13 +299,6 @@ def format_profiles(profiles: Sequence[Profile], parameters: Mapping[str, Fitted
         "    quality: 1 where the points of the curve predict each other, 0 where one misses by the threshold.\n"
     )
     return heading("Profiles of chi-square") + aligned_table("<<>>>", rows) + legend
-
-
-def _ratio(verdict: str, square: float) -> str:
-    return f"{math.sqrt(square):.2f}" if verdict == "bounded" else "-"
-
-
-_NAIVE = "    naive: error with the earlier step taken as exact; corrected: with its errors included.\n"
 
 
 def format_comparison(joint: Estimate, *others: Estimate) -> str:
@@ -352,7 +309,8 @@ def format_comparison(joint: Estimate, *others: Estimate) -> str:
     estimates = [joint, *others]
     head = ["", "", "unit", "value", "+/- naive", "+/- corrected", "shift/sigma"]
     rows = [row for path in joint.names for row in _method_rows(path, estimates)]
-    legend = f"{_NAIVE}    shift/sigma: distance from the joint fit's value, in corrected standard errors.\n"
+    legend = "    naive: error with the earlier step taken as exact; corrected: with its errors included.\n"
+    legend += "    shift/sigma: distance from the joint fit's value, in corrected standard errors.\n"
     *ways, last = [estimate.method for estimate in estimates]
     title = heading(f"{', '.join(ways)} and {last} side by side".capitalize())
     effects = [format_effects(other.amplification) for other in others[:1] if other.amplification is not None]

@@ -45,16 +45,6 @@ def _channel(channel: "ChannelSummary") -> list[str]:
     ]
 
 
-_BEGINS = {
-    "seen": "seen",
-    "held": "held before",
-    "clock": "by the clock",
-    "running": "ran before",
-    "motion": "by the motion",
-}
-"""Short texts for how the start of a drive was found."""
-
-
 def format_guesses(guesses: "Sequence[tuple[str, RecordGuess]]") -> str:
     """A table of what each named record is taken to be."""
     head = ["", "measures", "drive", "", "V", "Hz", "t = 0 (s)", "", "noise"]
@@ -64,6 +54,7 @@ def format_guesses(guesses: "Sequence[tuple[str, RecordGuess]]") -> str:
 def _guess(name: str, guess: "RecordGuess") -> list[str]:
     wave = guess.waveform
     frequency = wave.numbers.get("frequency")
+    begins = {"held": "held before", "clock": "by the clock", "running": "ran before", "motion": "by the motion"}
     return [
         name,
         guess.measures + (", turned" if guess.turned else ""),
@@ -72,7 +63,7 @@ def _guess(name: str, guess: "RecordGuess") -> list[str]:
         f"{wave.numbers['voltage']:.5g}" + (f" from {wave.counted_from:.4g}" if wave.counted_from else ""),
         "" if frequency is None else f"{frequency:.6g}",
         f"{round(guess.start, 9) + 0.0:.6g}",
-        _BEGINS[wave.begins],
+        begins.get(wave.begins, wave.begins),
         guess.display.text(guess.noise),
     ]
 
@@ -92,9 +83,6 @@ FIGURES = {
 }
 """Titles of the figures of a characterisation, in the order of its report."""
 
-_LONG = 1e3
-"""Distance of a record from the clock's zero, in lengths of the record, beyond which times count from its begin."""
-
 
 def format_characterisation(found: "Characterisation") -> str:
     """Report of a characterised record: its cycles, and mean, error and scatter of each figure."""
@@ -102,9 +90,13 @@ def format_characterisation(found: "Characterisation") -> str:
     way = "backward, the slow flank falls: figures are turned" if cycles.falls else "forward, the slow flank rises"
     places = decimals_for(cycles.seen_error)
     seen = f"{rounded(cycles.seen, places)} +/- {rounded(cycles.seen_error, places)} Hz"
-    begins = cycles.start - _zero(found)
+    # Times count from the clock's zero, or from the first sample if that is far from it.
+    first, last = float(found.time[0]), float(found.time[-1])
+    zero = first if abs(first) > 1e3 * (last - first) else 0.0
+    span = f"{first - zero:g} s to {last - zero:g} s" + (f" from the first one, at {zero:.10g} s" if zero else "")
+    begins = cycles.start - zero
     lines = [
-        ("record", f"{found.column}, {len(found.time)} samples, {_span(found)}"),
+        ("record", f"{found.column}, {len(found.time)} samples, {span}"),
         ("direction", way),
         ("frequency", f"{cycles.frequency:g} Hz, given (seen: {seen})" if found.given else f"{seen}, found"),
         ("cycles", f"{cycles.count} complete, {cycles.rejected} left out, the first from {begins:.4g} s on"),
@@ -114,18 +106,6 @@ def format_characterisation(found: "Characterisation") -> str:
     text = "".join(f"    {name:<10}= {text}\n" for name, text in lines)
     legend = "    +/-: standard error of the mean; deviation: standard deviation of the cycles.\n"
     return heading(str(found.file)) + text + aligned_table("<<>>>", [head, *rows]) + legend
-
-
-def _zero(found: "Characterisation") -> float:
-    """Origin of the times shown [s]: the clock's zero, or the first sample if that is far from it."""
-    first, last = float(found.time[0]), float(found.time[-1])
-    return first if abs(first) > _LONG * (last - first) else 0.0
-
-
-def _span(found: "Characterisation") -> str:
-    zero = _zero(found)
-    told = f"{found.time[0] - zero:g} s to {found.time[-1] - zero:g} s"
-    return f"{told} from the first one, at {zero:.10g} s" if zero else told
 
 
 def _figure(title: str, summary: "Summary") -> list[str]:
@@ -144,8 +124,8 @@ def format_entry(entry: "Entry") -> str:
     """Describe one member: its equations, from its module's docstring, and its parameters."""
     head = ["", "unit", "nominal", "", "what it is"]
     rows = [
-        [name, unit, f"{declared.nominal * scale:.6g}", "optional" if declared.optional else "", told]
-        for name, (declared, told) in entry.parameters.items()
+        [name, unit, f"{declared.nominal * scale:.6g}", "optional" if declared.optional else "", meaning]
+        for name, (declared, meaning) in entry.parameters.items()
         for unit, scale in [display_unit(declared.unit)]
     ]
     rows += [[name, "", "", "one of", ", ".join(words)] for name, words in entry.choices.items()]

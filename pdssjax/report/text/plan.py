@@ -1,14 +1,10 @@
 """A plan of records as plain text: the records, where their samples go, and the expected errors before and after."""
 
 import math
-from collections.abc import Sequence
 
 from ...core import display_unit, percent
 from ...design import Plan, PlannedRecord, Rehearsal
 from ._layout import aligned_table, heading, note
-
-_WINDOWS = 3
-"""Windows of a record that are written out."""
 
 
 def format_design(plan: Plan) -> str:
@@ -69,8 +65,8 @@ def sampling_words(planned: PlannedRecord) -> str:
     every = f"every {_time(schedule.interval)}"
     if len(windows) == 1:
         return f"{every} from {_time(windows[0].start)} to {_time(float(planned.times[-1]))}"
-    starts = ", ".join(_time(window.start) for window in windows[:_WINDOWS])
-    more = "" if len(windows) <= _WINDOWS else f" and {len(windows) - _WINDOWS} more, one a cycle"
+    starts = ", ".join(_time(window.start) for window in windows[:3])
+    more = "" if len(windows) <= 3 else f" and {len(windows) - 3} more, one a cycle"
     moved = "" if schedule.shifts == 1 else f", each moved by {_time(schedule.interval / schedule.shifts)} more"
     return f"{every} over {_time(schedule.length)} from {starts}{more}{moved}"
 
@@ -99,19 +95,11 @@ def error_rows(plan: Plan) -> list[list[str]]:
 
 def format_rehearsal(rehearsal: Rehearsal) -> str:
     """The errors that a plan promised beside those of a fit of its records from the virtual rig."""
-    text = heading("Rehearsal on the virtual rig") + aligned_table("<>>>", [REHEARSAL_HEAD, *rehearsal_rows(rehearsal)])
-    return text + note(f"Errors had over errors promised, geometric mean: {rehearsal.ratio:.3f}.")
-
-
-REHEARSAL_HEAD: Sequence[str] = ["", "promised", "had", "ratio"]
-
-
-def rehearsal_rows(rehearsal: Rehearsal) -> list[list[str]]:
-    """A row for every free parameter: the error promised, that of the fit, and their ratio."""
-    rows = []
+    rows = [["", "promised", "had", "ratio"]]
     for path, promised in rehearsal.promised.items():
         found = rehearsal.estimate.parameters[path]
         had = found.standard_error
         ratio = f"{had / promised:.3g}" if promised > 0 and math.isfinite(had / promised) else "-"
         rows.append([path, percent(promised, found.value), percent(had, found.value), ratio])
-    return rows
+    text = heading("Rehearsal on the virtual rig") + aligned_table("<>>>", rows)
+    return text + note(f"Errors had over errors promised, geometric mean: {rehearsal.ratio:.3f}.")

@@ -3,12 +3,9 @@
 import math
 from typing import NamedTuple
 
-from ...selection import Comparison, Difference, DiscriminatingRecord, Misfit, Result
+from ...selection import Comparison, Difference, DiscriminatingRecord, Misfit, RecordNoise, Result
 from ...study import Record
 from ._layout import aligned_table, counted, heading, note
-
-HEAD = "model", "free", "held out", "+/-", "records", "+/-", "criterion", ""
-"""Head of the table of models."""
 
 
 def format_selection(found: Comparison) -> str:
@@ -42,14 +39,24 @@ class SelectionSentences(NamedTuple):
 
 def selection_sentences(found: Comparison) -> SelectionSentences:
     """A comparison in words and as the rows of a table."""
+    records = {record.name: record for record in found.records}
+    caption = (
+        "held out, records: by how much the log score on held-out blocks of time, and on whole records, lies below "
+        f"that of the best model, {found.best or 'none'}, and its standard error. A model is worse where the "
+        "difference is at least two standard errors, at least 3, and at least half of the chi-square that the best "
+        "model leaves beyond noise; on blocks of time not where it explains the fitted samples as well, with fewer "
+        "parameters by the criterion, with more by the likelihood: blocks then show only how little the records tell "
+        "of its parameters. criterion: Schwarz's (BIC) with the number of independent samples, above the lowest."
+    )
+    worse = [(result.name, result.misfit) for result in found.results if result.is_worse]
     return SelectionSentences(
         _answer(found),
-        HEAD,
+        ("model", "free", "held out", "+/-", "records", "+/-", "criterion", ""),
         list(map(_row, found.results)),
-        _caption(found),
-        _misfit_places(found),
+        caption,
+        [f"{name}: {_misfit(misfit, found.best, records[misfit.record])}" for name, misfit in worse if misfit],
         _discriminating_record(found),
-        _noise_lines(found),
+        [f"{name}: {_noise(noise, records[name])}" for name, noise in found.noise.items()],
         [f"{result.name}: {result.fitted.failure}" for result in found.results if result.fitted.failure],
     )
 
@@ -68,12 +75,12 @@ def _answer(found: Comparison) -> list[str]:
         ]
     lines = [f"{found.chosen} is the simplest model that predicts held-out samples ({held}) no worse than any."]
     if found.chosen != found.best:
-        time = chosen.time
+        time, extra = chosen.time, len(best.fitted.free) - len(chosen.fitted.free)
         assert time is not None
+        more = counted(extra, "more parameter") if extra > 0 else "another model"
         lines.append(
             f"{found.best} predicts them best, by {_number(time.total)} in log score with a standard error of "
-            f"{_number(time.standard_error)}, which is no reason for "
-            f"{_more(len(best.fitted.free) - len(chosen.fitted.free))}."
+            f"{_number(time.standard_error)}, which is no reason for {more}."
         )
     if found.ambiguous:
         lines.append(f"These records do not tell it from {_enumerated(found.ambiguous)}.")
@@ -96,28 +103,6 @@ def _row(result: Result) -> tuple[str, ...]:
     remarks += ["leaves more than noise"] * (not result.fitted.explained)
     pairs = (*_pair(result.time), *_pair(result.records))
     return result.name, free, *pairs, _number(result.criterion), ", ".join(remarks)
-
-
-def _caption(found: Comparison) -> str:
-    """The caption of the table: the meaning of its columns."""
-    return (
-        "held out, records: by how much the log score on held-out blocks of time, and on whole records, lies below "
-        f"that of the best model, {found.best or 'none'}, and its standard error. A model is worse where the "
-        "difference is at least two standard errors, at least 3, and at least half of the chi-square that the best "
-        "model leaves beyond noise; on blocks of time not where it explains the fitted samples as well, with fewer "
-        "parameters by the criterion, with more by the likelihood: blocks then show only how little the records tell "
-        "of its parameters. criterion: Schwarz's (BIC) with the number of independent samples, above the lowest."
-    )
-
-
-def _misfit_places(found: Comparison) -> list[str]:
-    """Where the residuals of each worse model exceed those of the best one."""
-    records = {record.name: record for record in found.records}
-    return [
-        f"{result.name}: {_misfit(result.misfit, found.best, records[result.misfit.record])}"
-        for result in found.results
-        if result.is_worse and result.misfit is not None
-    ]
 
 
 def _misfit(misfit: Misfit, best: str, record: Record) -> str:
@@ -156,28 +141,21 @@ def _telling(record: DiscriminatingRecord) -> str:
         shown += f" at {record.voltage:.3g} V and {record.frequency:.3g} Hz"
     if record.window < 1.0:
         shown += f", with all samples in the first {100 * record.window:.0f} % of each cycle"
-    strength = (
-        "enough to tell" if record.sigmas > 8.0 else "just enough" if record.sigmas > 4.0 else "too little to tell"
-    )
+    strength = "just enough" if record.sigmas > 4.0 else "too little to tell"
+    strength = "enough to tell" if record.sigmas > 8.0 else strength
     return (
         f"{shown}: of {record.tried} records tried, the two fitted models differ most there, by {record.sigmas:.2g} "
         f"standard deviations of the noise over {record.samples} samples, which is {strength}"
     )
 
 
-def _noise_lines(found: Comparison) -> list[str]:
-    """The noise of every record."""
-    records = {record.name: record for record in found.records}
-    lines = []
-    for name, noise in found.noise.items():
-        display = records[name].measurement.display
-        told = "told" if noise.told else "found"
-        colour = f"correlated over {1e3 * noise.correlation_time:.3g} ms" if noise.correlation_time > 0.0 else "white"
-        lines.append(
-            f"{name}: {display.scale * noise.deviation:.3g} {display.unit} ({told}), {colour}, "
-            f"{noise.independent:.0f} of {records[name].time.size} samples count as independent"
-        )
-    return lines
+def _noise(noise: RecordNoise, record: Record) -> str:
+    display, origin = record.measurement.display, "told" if noise.told else "found"
+    colour = f"correlated over {1e3 * noise.correlation_time:.3g} ms" if noise.correlation_time > 0.0 else "white"
+    return (
+        f"{display.scale * noise.deviation:.3g} {display.unit} ({origin}), {colour}, "
+        f"{noise.independent:.0f} of {record.time.size} samples count as independent"
+    )
 
 
 def _pair(found: Difference | None) -> tuple[str, str]:
@@ -186,10 +164,6 @@ def _pair(found: Difference | None) -> tuple[str, str]:
 
 def _number(value: float) -> str:
     return f"{value:.1f}" if abs(value) < 1e4 else f"{value:.3g}"
-
-
-def _more(parameters: int) -> str:
-    return counted(parameters, "more parameter") if parameters > 0 else "another model"
 
 
 def _enumerated(names: tuple[str, ...] | list[str]) -> str:

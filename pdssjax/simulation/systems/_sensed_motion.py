@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from ...actuator import Actuator, Sensor
 from ...core import Scalar, ScalarLike
 from ...integration import N, Term
-from ._stick_slip_state import StickSlipState
-from ._stop_contact import push_on_stop
+from ._stick_slip_state import State, StickSlipState
+from ._sticking import push_on_stop
 
 
 class SensedMotion(NamedTuple):
@@ -35,7 +35,7 @@ class SensedMotion(NamedTuple):
         stop = self.actuator.stop
         return jnp.ones(()) if stop is None else 1.0 / jnp.asarray(stop.stiffness, float)
 
-    def after_platform_jump(self, x: StickSlipState[Scalar], jump: Scalar) -> tuple[Scalar, ...]:
+    def after_platform_jump(self, x: State, jump: Scalar) -> tuple[Scalar, ...]:
         """The sensor's state after the platform has jumped by `jump` [m]; the end-effector has not, nor a force."""
         if self.actuator.stop is not None:
             return x.sensor_lag

@@ -9,7 +9,7 @@ from ...drive.base import Segment
 from ...friction.base import AbstractFriction
 from ...integration import ROUNDING, constant
 from ._sensed_motion import SensedMotion
-from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState
+from ._stick_slip_state import ADVANCING, RETREATING, STUCK, State
 from ._sticking import sticking_margins
 
 _CARRIED = 1e-9
@@ -21,12 +21,7 @@ _ANGLE = 150.0
 
 
 def is_settled(
-    sensed: SensedMotion,
-    segment: Segment,
-    t_local: ScalarLike,
-    x: StickSlipState[Scalar],
-    mode: Scalar,
-    tolerance: ScalarLike,
+    sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State, mode: Scalar, tolerance: ScalarLike
 ) -> Truth:
     """Whether the deviations from the steady solution are together below `tolerance` [m].
 
@@ -43,7 +38,7 @@ def is_settled(
     of_contact = [jnp.abs(a - b) * c for a, b, c in zip(x.contact_state, contact, lengths, strict=True)]
     steady_lag, metres = _steady_lag(sensed, segment, t_local, x), sensed.state_scale()
     of_sensor = [jnp.abs(a - b) * metres for a, b in zip(x.sensor_lag, steady_lag, strict=True)]
-    left, of_derivatives = _left(actuator, t_local, x.v, ringing, [*of_contact, *of_sensor])
+    left, of_derivatives = _remaining_motion(actuator, t_local, x.v, ringing, [*of_contact, *of_sensor])
     still = (of_derivatives < tolerance) | (left < ROUNDING)
     still &= _holds(actuator, contact, mode) | _creeps_in(actuator, contact, displacement, x.v, mode, ringing)
     upper, lower = (constant(margin) for margin in sticking_margins(actuator, segment, t_local, x))
@@ -87,9 +82,7 @@ def _creeps_in(
     return slowly & (jnp.abs(v) > _SHAKEN * actuator.piezo.frequency_scale() * ringing)
 
 
-def project_to_steady(
-    sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], mode: Scalar
-) -> StickSlipState[Scalar]:
+def project_to_steady(sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State, mode: Scalar) -> State:
     """The state projected onto the steady solution; a contact that slid recovers its elastic displacement.
 
     One that is in equilibrium stays so, whatever the constant force: of a force of zero it has the derivative.
@@ -140,7 +133,7 @@ def _stiffness(law: AbstractFriction, contact: tuple[Scalar, ...], sign: Scalar)
     return jax.jvp(elastic, (contact,), (rates,))[1]
 
 
-def _left(
+def _remaining_motion(
     actuator: Actuator, t_local: ScalarLike, v: Scalar, ringing: Scalar, of_contact_and_sensor: list[Scalar]
 ) -> tuple[Scalar, Scalar]:
     """What is left of a sliding contact's motion in a segment [m], and what of its derivatives, as a motion [m].
@@ -157,14 +150,12 @@ def _left(
 
 
 def _steady_platform(
-    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar]
+    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: State
 ) -> DrivenPlatformState[Scalar]:
     return actuator.driven_platform.steady(segment, t_local, x.driven, _settled_friction(actuator))
 
 
-def _steady_lag(
-    sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar]
-) -> tuple[Scalar, ...]:
+def _steady_lag(sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State) -> tuple[Scalar, ...]:
     if not x.sensor_lag:
         return ()
     # With a stop it is the force shown: none is left once nothing touches.
@@ -179,9 +170,7 @@ def _settled_friction(actuator: Actuator) -> ScalarLike:
     return actuator.effector.pull() - actuator.initial_pull if actuator.feedback else 0.0
 
 
-def _equilibrium_state(
-    actuator: Actuator, x: StickSlipState[Scalar], mode: Scalar
-) -> tuple[tuple[Scalar, ...], Scalar]:
+def _equilibrium_state(actuator: Actuator, x: State, mode: Scalar) -> tuple[tuple[Scalar, ...], Scalar]:
     """The state in which the contact at rest carries the constant force, and the displacement [m] on the way there."""
     force = -1.0 * jnp.asarray(actuator.effector.pull(), float)
     return actuator.friction.equilibrium_after(x.contact_state, force, mode)

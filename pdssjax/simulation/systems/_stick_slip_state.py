@@ -1,6 +1,6 @@
 """The state of an actuator, and the modes of its contact."""
 
-from typing import Generic, NamedTuple
+from typing import Generic, NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 
@@ -26,6 +26,10 @@ class StickSlipState(NamedTuple, Generic[N_co]):
     """Flag: the end-effector touches the stop."""
     sensor_lag: tuple[N_co, ...]
     """Lag of the sensor [m]; of a sensor at the stop the force that it shows [N]."""
+
+
+State: TypeAlias = StickSlipState[Scalar]
+"""A state of numbers, not of series."""
 
 
 class Kind(NamedTuple):

@@ -1,4 +1,6 @@
-"""A contact at v = 0: the force that would keep it there, and the mode in which it goes on.
+"""Forces on an end-effector besides friction, and a contact at v = 0: what keeps it there, and the mode that follows.
+
+The state has a flag for a stop in front of the end-effector, 1 while they touch; without a stop there is no flag.
 
 F* is the friction force that keeps v = 0, and F(-), F(+) are the forces beyond which the contact lets go.
 While F(-) <= F* <= F(+) it sticks, else v takes the sign that its acceleration has on the side it moves to
@@ -15,8 +17,28 @@ from ...actuator import Actuator, DrivenPlatformState
 from ...core import Scalar, ScalarLike
 from ...drive.base import Segment
 from ...integration import LOOK_AHEAD, Term, constant
-from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState
-from ._stop_contact import external_force
+from ._stick_slip_state import ADVANCING, RETREATING, STUCK, State, StickSlipState
+
+
+def push_on_stop(actuator: Actuator, x: StickSlipState[Term]) -> Term:
+    """Force [N] on the stop of an actuator that has one; 0 while the end-effector does not touch it."""
+    assert actuator.stop is not None
+    y, w = actuator.driven_platform.platform(x.driven)
+    return x.in_contact[0] * actuator.stop.push(y - x.d, w - x.v)
+
+
+def stop_guards(actuator: Actuator, x: StickSlipState[Term]) -> tuple[Term, ...]:
+    """Positive while the end-effector goes on touching the stop, or not touching it [m]; none without a stop."""
+    if actuator.stop is None:
+        return ()
+    y, _ = actuator.driven_platform.platform(x.driven)
+    return (actuator.stop.depth(y - x.d) * (x.in_contact[0] * 2.0 - 1.0),)
+
+
+def external_force(actuator: Actuator, x: StickSlipState[Term]) -> Term:
+    """Every force on the end-effector but friction [N]: its load, gravity, and the stop."""
+    pull = actuator.effector.pull()
+    return pull if actuator.stop is None else push_on_stop(actuator, x) * (-1.0) + pull
 
 
 def sticking_force(actuator: Actuator, free_acceleration: Term, x: StickSlipState[Term]) -> Term:
@@ -38,9 +60,7 @@ def sticking_margins(actuator: Actuator, segment: Segment, t_local: Term, x: Sti
     return upper, sticking - actuator.friction.breakaway_force(contact, RETREATING)
 
 
-def mode_from_rest(
-    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], ended: ScalarLike
-) -> Scalar:
+def mode_from_rest(actuator: Actuator, segment: Segment, t_local: ScalarLike, x: State, ended: ScalarLike) -> Scalar:
     """The mode that begins at v = 0, ties broken by looking ahead; `ended` is the one that ended there, 0 for none."""
     driven_platform, zero, unit = actuator.driven_platform, jnp.zeros_like(x.v), jnp.ones_like(x.v)
     sticking = sticking_force(actuator, driven_platform.acceleration(segment, t_local, x.driven), x)

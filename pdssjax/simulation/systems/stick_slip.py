@@ -11,7 +11,7 @@ it (`exact`).
 
 The field is smooth while v keeps its sign.  At v = 0 the force may jump from F(-) to F(+): a set-valued law (Coulomb)
 and the switching parameters of (5.22) are both of this shape.  There the contact sticks, or v takes a sign
-(`_sticking`).  Laws, piezos, amplifiers and the stop (`_stop_contact`) add guards of their own.
+(`_sticking`).  Laws, piezos, amplifiers and the stop add guards of their own.
 `_sensed_motion` has the sensor's state, `_settling` what is left where nothing moves but the creeping platform.
 """
 
@@ -26,9 +26,8 @@ from ...friction.base import AbstractFriction
 from ...integration import SETTLED, AbstractHybridSystem, Term, constant, weighted
 from ._sensed_motion import SensedMotion
 from ._settling import is_settled, project_to_steady, slowest_frequency
-from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState, kind
-from ._sticking import mode_from_rest, sticking_force, sticking_margins
-from ._stop_contact import external_force, push_on_stop, stop_guards
+from ._stick_slip_state import ADVANCING, RETREATING, STUCK, State, StickSlipState, kind
+from ._sticking import external_force, mode_from_rest, push_on_stop, sticking_force, sticking_margins, stop_guards
 
 _NO_JUMP = 3e-16
 """Displacement [m] that a jump of the velocity brings about in a time constant if it is rounding."""
@@ -43,7 +42,7 @@ class StickSlip(AbstractHybridSystem):
     on_platform: ScalarLike = 0.0
     """1 where the sensor looks at the platform, 0 at the end-effector; with a stop it shows the force."""
 
-    def initial(self) -> StickSlipState[Scalar]:
+    def initial(self) -> State:
         zero = jnp.zeros(())
         in_contact = () if self.actuator.stop is None else (zero,)
         driven, contact = self.actuator.driven_platform.initial(), self.actuator.friction.initial()
@@ -78,9 +77,7 @@ class StickSlip(AbstractHybridSystem):
             self._sensed.rate(x, moves + sticks),
         )
 
-    def rates(
-        self, segment: Segment, t_local: Scalar, x: StickSlipState[Scalar], mode: Scalar
-    ) -> StickSlipState[Scalar]:
+    def rates(self, segment: Segment, t_local: Scalar, x: State, mode: Scalar) -> State:
         """The true time derivative in any mode: a contact that has settled sticks, on a platform that may ring on."""
         return super().rates(segment, t_local, x, jnp.where(mode == SETTLED, STUCK, mode))
 
@@ -98,8 +95,8 @@ class StickSlip(AbstractHybridSystem):
         )
 
     def after_event(
-        self, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], mode: Scalar, which: Scalar
-    ) -> tuple[StickSlipState[Scalar], Scalar]:
+        self, segment: Segment, t_local: ScalarLike, x: State, mode: Scalar, which: Scalar
+    ) -> tuple[State, Scalar]:
         """State and mode after guard `which` has reached zero."""
         friction, driven_platform = self.actuator.friction, self.actuator.driven_platform
         laws = len(friction.guards(x.contact_state, x.v, mode))
@@ -129,7 +126,7 @@ class StickSlip(AbstractHybridSystem):
             x = x._replace(driven=driven)
         return x, following
 
-    def state_scale(self) -> StickSlipState[Scalar]:
+    def state_scale(self) -> State:
         """Displacement that one unit of each state stands for [m]."""
         metre, first = jnp.ones(()), self.initial()
         return StickSlipState(
@@ -141,9 +138,7 @@ class StickSlip(AbstractHybridSystem):
             tuple(self._sensed.state_scale() for _ in first.sensor_lag),
         )
 
-    def on_segment_start(
-        self, segment: Segment, x: StickSlipState[Scalar], mode: Scalar
-    ) -> tuple[StickSlipState[Scalar], Scalar]:
+    def on_segment_start(self, segment: Segment, x: State, mode: Scalar) -> tuple[State, Scalar]:
         """State and mode in which a new segment begins: the end-effector goes on as it was."""
         driven_platform = self.actuator.driven_platform
         if driven_platform.state_jumps:
@@ -162,9 +157,7 @@ class StickSlip(AbstractHybridSystem):
         contact = chosen(at_rest & (jnp.abs(begun) == 1.0), reversed_state, x.contact_state)
         return x._replace(contact_state=contact), jnp.where(at_rest, begun, sliding)
 
-    def _after_velocity_jump(
-        self, x: StickSlipState[Scalar], mode: Scalar, driven: DrivenPlatformState[Scalar]
-    ) -> tuple[StickSlipState[Scalar], Scalar]:
+    def _after_velocity_jump(self, x: State, mode: Scalar, driven: DrivenPlatformState[Scalar]) -> tuple[State, Scalar]:
         """State and mode where the platform is to move as `driven` says: the end-effector goes on as it was.
 
         A motion that a jump of the platform's velocity begins or turns round is a reversal to the law, too, and any
@@ -194,14 +187,10 @@ class StickSlip(AbstractHybridSystem):
     def period(self) -> tuple[int, int] | None:
         return self.drive.period()
 
-    def is_settled(
-        self, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], mode: Scalar, tolerance: ScalarLike
-    ) -> Truth:
+    def is_settled(self, segment: Segment, t_local: ScalarLike, x: State, mode: Scalar, tolerance: ScalarLike) -> Truth:
         return is_settled(self._sensed, segment, t_local, x, mode, tolerance)
 
-    def project_to_steady(
-        self, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], mode: Scalar
-    ) -> StickSlipState[Scalar]:
+    def project_to_steady(self, segment: Segment, t_local: ScalarLike, x: State, mode: Scalar) -> State:
         return project_to_steady(self._sensed, segment, t_local, x, mode)
 
     def shifting_components(self) -> tuple[int, ...]:
@@ -216,14 +205,7 @@ class StickSlip(AbstractHybridSystem):
         """The components, counted as the leaves of the state, that `exact` knows: a platform that feels nothing."""
         return self._stack_components() if self.actuator.platform_closed else ()
 
-    def exact(
-        self,
-        segment: Segment,
-        t_local: ScalarLike,
-        begin: StickSlipState[Scalar],
-        elapsed: ScalarLike,
-        end: StickSlipState[Scalar],
-    ) -> StickSlipState[Scalar]:
+    def exact(self, segment: Segment, t_local: ScalarLike, begin: State, elapsed: ScalarLike, end: State) -> State:
         """`end` with the components known in closed form replaced: the platform without feedback."""
         if not self.actuator.platform_closed:
             return end
@@ -242,27 +224,27 @@ class StickSlip(AbstractHybridSystem):
         of_contact = slides & (((which < 2) & slow) | ((which >= 2) & (which < 2 + laws)))
         return of_contact | is_small_platform_event
 
-    def force(self, segment: Segment, t_local: Scalar, x: StickSlipState[Scalar], mode: Scalar) -> Scalar:
+    def force(self, segment: Segment, t_local: Scalar, x: State, mode: Scalar) -> Scalar:
         """Friction force [N] in any mode; settled and stuck it is F*, the force that keeps v = 0."""
         free = self.actuator.driven_platform.acceleration(segment, t_local, x.driven)
         sliding = self.actuator.friction.force(x.contact_state, x.v, mode)
         sticking = sticking_force(self.actuator, free, x)
         return jnp.where(jnp.abs(mode) == 1.0, constant(sliding), constant(sticking))
 
-    def shown_displacement(self, x: StickSlipState[Scalar]) -> Scalar:
+    def shown_displacement(self, x: State) -> Scalar:
         """Displacement [m] of platform or end-effector that the sensor shows."""
         y, _ = self.actuator.driven_platform.platform(x.driven)
         return self.sensor.shown_displacement(self._motion_lag(x), y - x.d * (1.0 - self.on_platform))
 
-    def shown_velocity(self, x: StickSlipState[Scalar]) -> Scalar:
+    def shown_velocity(self, x: State) -> Scalar:
         """Velocity [m/s] of platform or end-effector that a sensor of velocity shows."""
         return self.sensor.shown_velocity(self._motion_lag(x), self._sensed.speed(x))
 
-    def shown_force(self, x: StickSlipState[Scalar]) -> ScalarLike:
+    def shown_force(self, x: State) -> ScalarLike:
         """Force [N] that the sensor in the way, the stop, shows."""
         return x.sensor_lag[0] if x.sensor_lag else constant(push_on_stop(self.actuator, x))
 
-    def _motion_lag(self, x: StickSlipState[Scalar]) -> tuple[Scalar, ...]:
+    def _motion_lag(self, x: State) -> tuple[Scalar, ...]:
         if self.actuator.stop is not None and x.sensor_lag:
             raise ValueError("Expected a sensor without a filter beside a stop, whose force it filters, but got one.")
         return x.sensor_lag

@@ -15,6 +15,7 @@ from pdssjax.inference import EFFORTS, Ending, Evidence, Fit, evidence as eviden
 from pdssjax.inference.losses.base import AbstractLoss
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
+from pdssjax.inference.prior import Prior
 from pdssjax.inference.search import multistart, races
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.inference.search.races import MOST_RESTARTS
@@ -183,8 +184,8 @@ def test_a_fit_that_ran_into_a_bound_is_compared_with_starts_that_differ_in_ever
 
 def test_what_was_measured_apart_is_held_where_the_fit_put_it_when_others_are_scattered(monkeypatch):
     problem = Waves(1.0, 0.0)
-    apart = {"friction.f_c": np.array([3.0, 0.1])}
-    told = SimpleNamespace(priors=apart, transform=SimpleNamespace(paths=PATHS), loss=Squares())
+    apart = Prior(("friction.f_c",), np.array([3.0]), np.array([[10.0]]))
+    told = SimpleNamespace(prior=apart, transform=SimpleNamespace(paths=PATHS), loss=Squares())
     monkeypatch.setattr(problem, "residual", told)
     monkeypatch.setattr(
         races, "scatter_starts", lambda models, parameters, records, around, held, loss: [(around, held)]

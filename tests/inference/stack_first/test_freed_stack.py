@@ -7,6 +7,7 @@ import pytest
 
 from pdssjax.inference import Ending, Evidence, Fit
 from pdssjax.inference.losses.squares import Squares
+from pdssjax.inference.prior import Prior
 from pdssjax.inference.search import races
 from pdssjax.inference.stack_first import held_stack
 from pdssjax.inference.stack_first.peak_picking import PATHS
@@ -45,7 +46,7 @@ def held(misread, law):
         at_bound=lambda free: np.zeros(free.size, bool),
         among=lambda those: np.array([path in those for path in paths]),
     )
-    residual = SimpleNamespace(transform=transform, loss=Squares(), priors={}, fixed={})
+    residual = SimpleNamespace(transform=transform, loss=Squares(), prior=Prior(), fixed={})
     rows = [slice(0, TIME.size), slice(TIME.size, 2 * TIME.size)]
     problem = Namespace(records=records, noise=np.ones(2), residual=residual, rows=rows, rows_apart=slice(0, 0))
     problem.decode = lambda free: dict(zip(paths, free, strict=True))
@@ -54,7 +55,7 @@ def held(misread, law):
     return fit, problem
 
 
-STACK = SimpleNamespace(covariance=np.diag(ERRORS**2))
+STACK = SimpleNamespace(prior=Prior.of_covariance(PATHS, np.zeros(3), np.diag(ERRORS**2)))
 
 
 WITH_STACK_FREED = held_stack.with_stack_freed

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pdssjax.inference import Ending, Fit, sequential
+from pdssjax.inference.prior import Prior
 from pdssjax.inference.stack_parameters import stack_parameters, stack_residuals
 
 MODULE = "pdssjax.inference.stack_first.held_stack"
@@ -19,7 +20,7 @@ def record(platform_alone, *conditions):
 def problem(*paths):
     """One record of the platform, under "cold", and one of a walk, under "walk" and "warm"."""
     transform = SimpleNamespace(paths=paths, encode=lambda starts: np.zeros(len(paths)))
-    residual = SimpleNamespace(transform=transform, priors=dict.fromkeys(paths))
+    residual = SimpleNamespace(transform=transform, prior=Prior(paths))
     return SimpleNamespace(records=(record(True, "cold"), record(False, "walk", "warm")), residual=residual)
 
 

@@ -12,6 +12,7 @@ from pdssjax.files import DrawsFile
 from pdssjax.inference import Fit, Problem
 from pdssjax.inference.draws import InMemory
 from pdssjax.inference.parameter_transform import ParameterTransform
+from pdssjax.inference.prior import Prior
 from pdssjax.inference.uncertainty.bootstrap import bootstrap, cycles_redrawn, phases_of
 from pdssjax.inference.uncertainty.drawn_intervals import _about_replicates, summary_of_replicates
 
@@ -25,7 +26,7 @@ class Samples(eqx.Module):
     """What was measured."""
 
     measured: tuple[np.ndarray, ...]
-    priors: dict[str, np.ndarray] = eqx.field(default_factory=dict)
+    prior: Prior = eqx.field(default_factory=Prior)
 
 
 class LineResidual(eqx.Module):

@@ -11,6 +11,7 @@ from scipy.stats import t
 from pdssjax.inference import Evidence, all_error_models, least_squares_covariance, with_error_models
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
+from pdssjax.inference.prior import Prior
 from pdssjax.inference.uncertainty import influence
 from pdssjax.inference.uncertainty.influence import FittedPoint
 
@@ -49,7 +50,7 @@ def linear(noise=1.0, misfit=0.0, high=np.inf):
     used = jacobian[:, [0, 1, 2, 3]]
     residual = off - used @ np.linalg.lstsq(used, off, rcond=None)[0]
     records = (record("step", step, True, None), record("5 Hz", cycles, False, 5.0))
-    at = SimpleNamespace(transform=transform(high), priors={}, loss=Squares())
+    at = SimpleNamespace(transform=transform(high), prior=Prior(), loss=Squares())
     bounds, rows = (at.transform.low, at.transform.high), [slice(0, 60), slice(60, 220)]
     problem = SimpleNamespace(
         records=records,

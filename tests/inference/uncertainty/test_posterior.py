@@ -12,6 +12,7 @@ from scipy import stats
 
 from pdssjax import Drawing, InputError
 from pdssjax.inference.draws import InMemory
+from pdssjax.inference.prior import Prior
 from pdssjax.inference.uncertainty import posterior
 from pdssjax.inference.uncertainty.drawn_intervals import (
     _density_in_words,
@@ -47,7 +48,7 @@ def kinked(x):
 )
 def test_that_one_factor_enlarges_what_it_need_not_is_said(noises, apart, wide):
     records = [SimpleNamespace(time=np.zeros(3), noise=noise) for noise in noises]
-    problem = SimpleNamespace(records=records, residual=SimpleNamespace(priors=dict.fromkeys(apart)))
+    problem = SimpleNamespace(records=records, residual=SimpleNamespace(prior=Prior(tuple(apart))))
     told = _density_in_words(problem, 4.0, [])  # pyright: ignore[reportArgumentType]
     assert "its variance enlarged by 4" in told and ("too wide there" in told) is wide
     assert "enlarged" not in _density_in_words(problem, 1.0, [])  # pyright: ignore[reportArgumentType]

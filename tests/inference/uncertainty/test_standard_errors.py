@@ -8,6 +8,8 @@ import pytest
 from pdssjax.inference import Evidence
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
+from pdssjax.inference.prior import Prior
+from pdssjax.inference.stack_first.peak_picking import PATHS as PEAKS
 from pdssjax.inference.summary import measurement_with_pull
 from pdssjax.inference.uncertainty.parameter_errors import standard_errors_of
 
@@ -33,13 +35,14 @@ def record(rows, platform_alone, given):
 def fitted(apart, effect, scatter=1.0):
     """A fit whose estimate is `effect` times the numbers measured: its problem, and where it ended."""
     jacobian = -np.concatenate([design(), *(-np.eye(3)[[PATHS.index(path)]] / told[1] for path, told in apart.items())])
+    prior = Prior.of_covariance(tuple(apart), np.zeros(len(apart)), np.diag([told[1] ** 2 for told in apart.values()]))
     off = np.random.default_rng(6).normal(size=len(jacobian))
     off[:300] *= scatter
     rows = (STEP, WALK, OTHER)
     free = effect @ off
     ends = np.full(3, np.inf)
     at = SimpleNamespace(
-        transform=ParameterTransform(PATHS, np.zeros(3, bool), np.ones(3), -ends, ends), priors=apart, loss=Squares()
+        transform=ParameterTransform(PATHS, np.zeros(3, bool), np.ones(3), -ends, ends), prior=prior, loss=Squares()
     )
     records = tuple(record(r, r == STEP, given) for r, given in zip(rows, NOISE_GIVEN, strict=True))
     problem = SimpleNamespace(records=records, residual=at, rows=rows, rows_apart=slice(400, len(jacobian)))
@@ -76,7 +79,7 @@ def test_errors_are_enlarged_by_records_whose_noise_is_given_and_for_these(metho
     whole, naive = effect_of(method, apart)
     problem, fit = fitted(apart, whole[:, : 400 + len(apart)], scatter=3.0)
     picked = np.diag([0.04, 0.01, 0.01])
-    stack = SimpleNamespace(covariance=picked) if method == "peaks" else None
+    stack = SimpleNamespace(prior=Prior.of_covariance(PEAKS, np.zeros(3), picked)) if method == "peaks" else None
     found = standard_errors_of(method, Evidence(problem, fit), stack)
     assert found.factor == pytest.approx(9.0, rel=0.2)
     factors = np.ones(whole.shape[1])
@@ -98,7 +101,8 @@ def test_the_pull_after_a_step_taken_before_is_in_standard_deviations_of_chance(
     apart, random = {"friction.sigma0": np.array([0.0, 0.06])}, np.random.default_rng(7)
     whole, _ = effect_of(method, apart)
     problem, fit = fitted(apart, whole[:, :401])
-    stack = SimpleNamespace(covariance=np.diag([0.04, 0.01, 0.01])) if method == "peaks" else None
+    picked = Prior.of_covariance(PEAKS, np.zeros(3), np.diag([0.04, 0.01, 0.01]))
+    stack = SimpleNamespace(prior=picked) if method == "peaks" else None
     found = standard_errors_of(method, Evidence(problem, fit), stack)
     assert found.known.matrix[1, 1] > 0.06**2
     noise = random.normal(size=(4000, whole.shape[1]))

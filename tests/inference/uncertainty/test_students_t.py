@@ -15,6 +15,7 @@ from pdssjax.inference import NORMAL_95, Evidence
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
+from pdssjax.inference.prior import Prior
 from pdssjax.inference.uncertainty.drawn_intervals import with_draws
 from pdssjax.inference.uncertainty.linear_intervals import effective_freedom, half_width_95
 from pdssjax.inference.uncertainty.parameter_errors import standard_errors_of
@@ -45,7 +46,7 @@ def errors(design, off, sizes, given, loss=None):
         noise *= np.sqrt(rest @ rest / (len(off) - 3))
     problem = SimpleNamespace(
         records=records,
-        residual=SimpleNamespace(transform=scale, priors={}, loss=loss or Squares()),
+        residual=SimpleNamespace(transform=scale, prior=Prior(), loss=loss or Squares()),
         rows=rows,
         rows_apart=slice(cuts[-1], cuts[-1]),
     )

@@ -28,18 +28,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from ....metrics import CycleSplit, ResidualSplit, neighbour_scatter, split_residuals
+from ....metrics import ResidualSplit, neighbour_scatter, split_residuals
 from .base import AbstractErrorModel, RecordErrors, RecordShare
 from .coloured import Coloured
 
 _STEPS = (1.4, 0.7, 0.35, 0.17)
 """Steps of the search for the best logarithms of a^2, b^2 and the length."""
-
-_NEVER = 1e-8
-"""Least a^2 and b^2, relative to the residuals'."""
-
-_NUMBERS = 3
-"""Parameters of the process: a, b and the length."""
 
 
 class _PhaseProcess(NamedTuple):
@@ -77,11 +71,15 @@ def phase_process(
     **Arguments:** `slopes`, the mean rows of the Jacobian; `noise`, the covariance of the noise of the means; `phases`
     from 0 to 1, around a cycle if `periodic`.
     """
-    base = _basis(slopes)
-    size = float(np.mean(mean**2))
+    base, size = _basis(slopes), float(np.mean(mean**2))
     if size <= 0.0 or base.shape[1] >= mean.size - 4:
         return _PhaseProcess(np.zeros_like(noise), 1.0, 0.0)
-    apart, activity = distances(phases, periodic), _activity(slopes)
+    # Sensitivity to the parameters at each phase; 1 in the root mean square.
+    norms, activity = np.linalg.norm(slopes, axis=0), np.ones(mean.size)
+    if (norms > 0).any():
+        unit = slopes[:, norms > 0] / norms[norms > 0]
+        activity = np.sqrt(np.sum(unit**2, axis=1) / np.sum(unit**2) * mean.size)
+    apart = distances(phases, periodic)
     noise = noise + 1e-9 * size * np.eye(mean.size)
     correlation = functools.cache(lambda length: matern(apart, length))  # most steps of the search keep the length
 
@@ -93,7 +91,7 @@ def phase_process(
     def likelihood(at: Float[np.ndarray, " 3"]) -> float:
         return restricted_likelihood(mean, base, noise + kernel(at))
 
-    nothing, top = np.log(_NEVER * size), np.log(1e4 * size)
+    nothing, top = np.log(1e-8 * size), np.log(1e4 * size)
     low, high = np.array([nothing, nothing, np.log(1.0 / mean.size)]), np.array([top, top, 0.0])
     begin = [
         np.array([even, active, np.log(length)])
@@ -101,13 +99,11 @@ def phase_process(
         for length in (0.02, 0.07, 0.25)
     ]
     best, value = _highest(likelihood, [np.clip(at, low, high) for at in begin], low, high)
-    gain = 2.0 * (value - restricted_likelihood(mean, base, noise)) - 2.0 * _NUMBERS
-    return _PhaseProcess(kernel(best) * _weight(gain), float(np.exp(best[2])), gain)
-
-
-def _weight(evidence: float) -> float:
-    """Akaike's weight of two models: a misfit that is hardly seen counts for little, however large its effect."""
-    return float(1.0 / (1.0 + np.exp(-0.5 * max(evidence, -1e3))))
+    # Two for each number of the process: a, b and the length.
+    gain = 2.0 * (value - restricted_likelihood(mean, base, noise)) - 2.0 * 3
+    # Akaike's weight of two models: a misfit that is hardly seen counts for little, however large its effect.
+    weight = 1.0 / (1.0 + np.exp(-0.5 * max(gain, -1e3)))
+    return _PhaseProcess(kernel(best) * weight, float(np.exp(best[2])), gain)
 
 
 def restricted_likelihood(
@@ -130,18 +126,9 @@ def restricted_likelihood(
 def _basis(slopes: Float[np.ndarray, "phases p"]) -> Float[np.ndarray, "phases q"]:
     """An orthonormal basis of what the parameters and the zero can do to the mean residuals."""
     columns = np.column_stack([slopes, np.ones(slopes.shape[0])])
-    norms = np.linalg.norm(columns, axis=0)
-    left, singular, _ = np.linalg.svd(columns[:, norms > 0] / norms[norms > 0], full_matrices=False)
+    columns = columns[:, np.linalg.norm(columns, axis=0) > 0]
+    left, singular, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
     return left[:, singular > 1e-9 * singular[0]]
-
-
-def _activity(slopes: Float[np.ndarray, "phases p"]) -> Float[np.ndarray, " phases"]:
-    """Sensitivity to the parameters at each phase; 1 in the root mean square."""
-    norms = np.linalg.norm(slopes, axis=0)
-    if not (norms > 0).any():
-        return np.ones(slopes.shape[0])
-    unit = slopes[:, norms > 0] / norms[norms > 0]
-    return np.sqrt(np.sum(unit**2, axis=1) / np.sum(unit**2) * slopes.shape[0])
 
 
 def _highest(
@@ -198,33 +185,38 @@ class WithMisfit(AbstractErrorModel):
         if split.cycles is not None:
             return RecordShare(coloured + misfit, process.evidence, found.freedom)
         noise = neighbour_scatter(record.residual) ** 2
-        larger = _larger(coloured, misfit + noise * record.influence.T @ record.influence)
-        return RecordShare(larger, process.evidence, found.freedom)
+        white = misfit + noise * record.influence.T @ record.influence
+        # The smallest covariance above the coloured one that is as large as the other wherever that is larger, in the
+        # coordinates in which the coloured one is the identity; a parameter without error in it takes the other's.
+        scale = np.sqrt(np.maximum(np.diag(coloured), np.diag(white)))
+        scale = np.where(scale > 0, scale, 1.0)
+        values, axes = np.linalg.eigh(coloured / np.outer(scale, scale))
+        root = axes * np.sqrt(np.maximum(values, 1e-14 * max(float(values[-1]), 1e-300)))
+        inverse = np.linalg.inv(root)
+        gain, turn = np.linalg.eigh(inverse @ (white / np.outer(scale, scale)) @ inverse.T)
+        grown = root @ turn * np.sqrt(np.maximum(gain, 1.0))
+        return RecordShare(grown @ grown.T * np.outer(scale, scale), process.evidence, found.freedom)
 
 
 def misfit_of(record: RecordErrors, split: ResidualSplit) -> tuple[_PhaseProcess, Int[np.ndarray, " n"]]:
     """The misfit of a record without NaN, and the phase that each sample belongs to, 0 to `MOST_PHASES` - 1."""
-    phase, count = _phases(record, split.cycles)
+    cycles, time = split.cycles, record.time
+    if cycles is not None:
+        count = min(MOST_PHASES, cycles.sizes.size)
+        phase = cycles.group * count // cycles.sizes.size
+    else:  # parts of its span
+        count = min(MOST_PHASES, time.size)
+        phase = np.minimum(np.floor((time - time[0]) / np.ptp(time) * count), count - 1).astype(int)
     # A phase without samples takes no part.
     there, phase = np.unique(phase, return_inverse=True)
     sizes = np.bincount(phase)
-    if split.cycles is None:
+    if cycles is None:
         noise = np.diag(neighbour_scatter(record.residual) ** 2 / sizes)
     else:
         noise = noise_of_means(record, split, phase)
     mean = sums_at(phase, record.residual[:, None], sizes.size)[:, 0] / sizes
     slopes = sums_at(phase, record.jacobian, sizes.size) / sizes[:, None]
-    return phase_process(mean, slopes, noise, there / count, periodic=split.cycles is not None), phase
-
-
-def _phases(record: RecordErrors, cycles: CycleSplit | None) -> tuple[Int[np.ndarray, " n"], int]:
-    """The phase of each sample, and how many phases there are; of a record that does not repeat parts of its span."""
-    if cycles is not None:
-        count = min(MOST_PHASES, cycles.sizes.size)
-        return cycles.group * count // cycles.sizes.size, count
-    count = min(MOST_PHASES, record.residual.size)
-    share = (record.time - record.time[0]) / np.ptp(record.time)
-    return np.minimum(np.floor(share * count), count - 1).astype(int), count
+    return phase_process(mean, slopes, noise, there / count, periodic=cycles is not None), phase
 
 
 def noise_of_means(
@@ -247,18 +239,3 @@ def sums_at(
     out = np.zeros((count, columns.shape[1]))
     np.add.at(out, phase, columns)
     return out
-
-
-def _larger(first: Float[np.ndarray, "p p"], second: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """The smallest covariance above `first` that is as large as `second` wherever that is larger.
-
-    In the coordinates in which `first` is the identity; a parameter without error in it takes that of `second`.
-    """
-    scale = np.sqrt(np.maximum(np.diag(first), np.diag(second)))
-    scale = np.where(scale > 0, scale, 1.0)
-    values, axes = np.linalg.eigh(first / np.outer(scale, scale))
-    root = axes * np.sqrt(np.maximum(values, 1e-14 * max(float(values[-1]), 1e-300)))
-    inverse = np.linalg.inv(root)
-    gain, turn = np.linalg.eigh(inverse @ (second / np.outer(scale, scale)) @ inverse.T)
-    grown = root @ turn * np.sqrt(np.maximum(gain, 1.0))
-    return grown @ grown.T * np.outer(scale, scale)
