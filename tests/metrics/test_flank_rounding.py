@@ -72,7 +72,7 @@ def test_derivatives_are_those_of_differences(forward):
     levels = lambda numbers: levels_of(TIME, forward, numbers)
     line = lambda numbers: line_of(numbers, forward)
     for slopes, function in (
-        (slopes_of_levels(TIME, forward, *NUMBERS), levels),
+        (slopes_of_levels(TIME, forward, NUMBERS), levels),
         (slopes_of_line(NUMBERS, forward), line),
     ):
         expected = differences(function)
