@@ -83,3 +83,11 @@ def test_the_true_law_and_a_simpler_one_that_predicts_as_well_are_right():
     assert not compared_rigs.is_right(told("lugre", "simplified-lugre", records=4.0))
     assert not compared_rigs.is_right(told("lugre", "elastoplastic", records=-50.0))
     assert not compared_rigs.is_right({**told("lugre", "dahl"), "chosen": ""})
+
+
+def test_the_table_counts():
+    rigs = [told("lugre", "lugre"), told("lugre", "dahl", records=9.0), told("lugre", "simplified-lugre")]
+    rigs = [r | {"right": compared_rigs.is_right(r), "worse": compared_rigs.predicts_worse(r)} for r in rigs]
+    text = compared_rigs.table(rigs)
+    assert "Right: 2 of 3. A law that predicts worse is chosen in 1." in text
+    assert "WRONG" in text and "| simpler |" in text
