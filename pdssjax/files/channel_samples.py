@@ -89,6 +89,7 @@ class _Apart(AbstractSource):
     def __init__(self, reader: AbstractReader) -> None:
         self.reader = reader
         self.file = reader.file
+        self.place = reader.place  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
     def kind(self) -> str:
@@ -104,8 +105,8 @@ class _Apart(AbstractSource):
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         with refusing(self.file, self.reader.expected):
-            for begin, values in answers(blocks_of, self.file, self.kind, list(numbers), first):
-                yield Block(values, np.arange(begin, begin + len(values)))
+            for _, rows in answers(blocks_of, self.file, self.kind, list(numbers), first):
+                yield Block(rows[:, 1:], rows[:, 0].astype(int))
 
 
 def channels_of(file: Path, kind: str) -> Pairs:
@@ -115,9 +116,9 @@ def channels_of(file: Path, kind: str) -> Pairs:
 
 
 def blocks_of(file: Path, kind: str, numbers: Sequence[int], first: int) -> Pairs:
-    """The place of the first sample of each block of a `file` of a `kind`, and the block's samples."""
+    """The blocks of a `file` of a `kind`: an array each, places in its first column and samples in the others."""
     for block in member(_FAMILY, kind)(file).blocks(numbers, first):
-        yield int(block.places[0]), block.values
+        yield None, np.column_stack([block.places, block.values])
 
 
 def list_channels(file: Path, decimal: str = "") -> tuple[str, list[ChannelSummary]]:

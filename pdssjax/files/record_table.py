@@ -140,6 +140,10 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, se
         data = _plan_samples(table, measurement)
         begin, has_clock = float(data["time"][0]), True
     else:
+        if "sampling" in table.entries and not file.exists():
+            raise InputError(
+                f"{file}: there is no such file, expected what `pdssjax record STUDY` makes of a sampling."
+            )
         window = _interval(table.entries["window"], table.at("window")) if "window" in table.entries else None
         read = read_columns(file, layout, window)
         data, begin, has_clock = _kept_samples(table, file, layout, read), read.begin, read.has_clock

@@ -15,9 +15,10 @@ from answering import numbered
 from marks import slow
 
 from pdssjax import InputError, InputWarning
-from pdssjax.files import list_channels, reading_process
+from pdssjax.files import channel_samples, list_channels, reading_process
 from pdssjax.files.channel_samples import open_file
 from pdssjax.files.draws_file import read_draws, write_draws
+from pdssjax.files.readers.base import AbstractReader, Block, Channel
 from pdssjax.files.reading_process import answers
 
 HERE = Path(__file__)
@@ -96,6 +97,28 @@ def test_what_ends_it_is_said_and_the_next_question_is_answered(stop, kind, said
         got.extend(answers(numbered, HERE, 2, stop))
     assert len(got) == 2 and (type(caught.value) is kind)
     assert len(list(answers(numbered, HERE, 3))) == 3
+
+
+def test_a_reader_s_own_places_come_through(monkeypatch):
+    class Text(AbstractReader):
+        place = "line"
+        expected = "a text"
+        recognises = classmethod(lambda cls, file, head: True)
+
+        def channels(self):
+            return [Channel("x", 1, "um", None)]
+
+        def blocks(self, numbers, first=0):
+            yield Block(np.array([[1.0], [np.nan], [3.0]]), np.array([4, 7, 8]))
+
+    monkeypatch.setattr(channel_samples, "members", lambda family: ["text"])
+    monkeypatch.setattr(channel_samples, "member", lambda family, name: Text)
+    monkeypatch.setattr(channel_samples, "answers", lambda function, *given: function(*given))
+    monkeypatch.setattr(Text, "kind", "text")
+    reader = open_file(HERE)
+    (block,) = reader.blocks([1])
+    assert reader.place == "line" and block.places.tolist() == [4, 7, 8]
+    np.testing.assert_array_equal(block.values, [[1.0], [np.nan], [3.0]])
 
 
 def test_warnings_are_handed_on():
