@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
+from jaxtyping import Float
 
 from ..core import Display, Document, InputError, column_unit, factor
 from ..study import FittedRecord, Record, Recording, UsedNumber
@@ -58,7 +59,7 @@ def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
             save_figure(loop_figure(record), staging / "plots" / "loops" / f"{stem}.png")
 
 
-def write_columns(file: Path, columns: Mapping[str, np.ndarray], formats: str | Sequence[str]) -> None:
+def write_columns(file: Path, columns: Mapping[str, Float[np.ndarray, " rows"]], formats: str | Sequence[str]) -> None:
     """Write `columns` of numbers, by their names, as a CSV file."""
     table = np.column_stack(list(columns.values()))
     np.savetxt(file, table, formats, ",", header=",".join(columns), comments="", encoding="utf-8")

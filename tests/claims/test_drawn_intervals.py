@@ -192,8 +192,7 @@ def test_where_nothing_can_be_drawn_the_fit_is_kept(tmp_path, monkeypatch):
 
     study = pdssjax.load_study(write_platform(tmp_path))
     linear = pdssjax.identify(study)
-    samplers = drawn_intervals._SAMPLERS
-    monkeypatch.setitem(samplers, "rto", samplers["rto"]._replace(sample=nothing))
+    monkeypatch.setattr(drawn_intervals, "sample_posterior", nothing)
     estimate = pdssjax.identify(study, intervals="posterior", drawing=pdssjax.Drawing(50))
     assert estimate.draws is None and estimate.converged
     assert estimate.parameters["piezo.gain"].interval == linear.parameters["piezo.gain"].interval

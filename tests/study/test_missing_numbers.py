@@ -56,7 +56,7 @@ def test_a_command_that_lacks_numbers_says_which_and_does_nothing(tmp_path, caps
 
 
 def test_a_study_is_not_searched_for_numbers(platform, monkeypatch):
-    monkeypatch.setattr(search, "_split_known", lambda *given: pytest.fail("searched unasked"))
+    monkeypatch.setattr(search, "guess_starts", lambda *given: pytest.fail("searched unasked"))
     study = pdssjax.load_study(platform)
     with pytest.raises(InputError, match="found no number"):
         study.values()
