@@ -216,6 +216,16 @@ def test_the_rooms_are_drawn_from_the_chart_of_github():
     assert drawn.count("&rarr;") == chart.count("-->")
 
 
+def test_what_the_architecture_names_exists():
+    page = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    files = {file.relative_to(ROOT / "pdssjax").as_posix(): file for file in (ROOT / "pdssjax").rglob("*.py")}
+    for path in re.findall(r"`([\w/]+\.py)`", page):
+        assert path in files or any(file.endswith(f"/{path}") for file in files) or (ROOT / path).exists(), path
+    code = "\n".join(file.read_text(encoding="utf-8") for file in files.values())
+    for name in re.findall(r"`(?:[A-Z]\w+\.)?(\w+)`", page.split("## Where is")[1]):
+        assert re.search(rf"(def|class) {name}\b", code) or (ROOT / "pdssjax" / name).is_dir(), name
+
+
 def test_claims_are_a_table_that_has_the_ten_of_the_page_and_names_tests_that_exist():
     with (ROOT / "docs/claims.csv").open(encoding="utf-8", newline="") as file:
         claims = list(csv.DictReader(file))

@@ -19,7 +19,7 @@ from .toml_table import Table
 def _kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> dict[str, Float[np.ndarray, " samples"]]:
     """The samples that are kept of those `read`, by quantity [SI], checked."""
     _, *quantities, explained = layout.si_units
-    keep, whole = _not_excluded(table, read)
+    keep, segments = _not_excluded(table, read)
     if "held" in table.entries:
         measured = read.data[explained]
         expected = f"a whole number from 2 on, and at most half of the {measured.size} samples"
@@ -28,27 +28,27 @@ def _kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> di
     columns.check_numbers()
     clock = columns.channels["time"].name if "time" in columns.channels else "time"
     check_increasing(file, clock, columns.data["time"], columns.places, columns.reader.place)
-    data = _decimate(table, columns, whole[keep])
+    data = _decimate(table, columns, segments[keep])
     for quantity in (*quantities, explained):
         columns.check_moves(quantity, data[quantity])
     return data
 
 
-def _decimate(table: Table, columns: Columns, stretch: np.ndarray) -> dict[str, np.ndarray]:
+def _decimate(table: Table, columns: Columns, segments: np.ndarray) -> dict[str, np.ndarray]:
     """The columns, low-passed and thinned where the record says `decimate`; not across what was left out."""
     if "decimate" not in table.entries:
         return columns.data
     time = columns.data["time"]
     expected = f"a whole number from 2 on, and no more than the {time.size} samples"
     by = table.whole("decimate", expected, least=2, most=time.size)
-    steps = np.diff(time)[np.diff(stretch) == 0]
+    steps = np.diff(time)[np.diff(segments) == 0]
     if steps.size == 0 or np.ptp(steps) > 0.02 * np.median(steps):
         raise InputError(
             f"{table.at('decimate')}: found samples {np.min(steps, initial=np.inf):g} s to "
             f"{np.max(steps, initial=0.0):g} s apart, expected even ones."
         )
     samples = np.column_stack(list(columns.data.values()))
-    together = np.concatenate([decimated(samples[stretch == number], by) for number in np.unique(stretch)])
+    together = np.concatenate([decimated(samples[segments == number], by) for number in np.unique(segments)])
     if len(together) < 2:
         raise InputError(
             f"{table.at('decimate')}: found {time.size} samples, expected more than the {32 * by} of the filter."
@@ -57,23 +57,23 @@ def _decimate(table: Table, columns: Columns, stretch: np.ndarray) -> dict[str, 
 
 
 def _not_excluded(table: Table, read: Columns) -> tuple[np.ndarray, np.ndarray]:
-    """Which samples `exclude`, on the clock of the file, leaves, and how many of its pairs lie before each."""
+    """The samples that `exclude` keeps, by the file's clock, and the segment between its pairs in which each lies."""
     time = read.data["time"]
     # A sample whose time is no number lies where the one before it does.
     known = np.maximum.accumulate(np.where(np.isfinite(time), np.arange(time.size), 0))
     time = time[known]
-    keep, before = np.ones(time.shape, bool), np.zeros(time.shape, int)
+    keep, segments = np.ones(time.shape, bool), np.zeros(time.shape, int)
     excluded = table.get("exclude", list, "a list of pairs of times", [])
     for index, pair in enumerate(excluded, start=1):
         start, end = _interval(pair, f"{table.at('exclude')}: pair {index}")
         keep &= (time < start) | (time > end)
-        before += time > end
+        segments += time > end
     if not keep.any():
         raise InputError(
             f'{table.where}: found no sample left by "window" and "exclude", '
             f"expected some of the record's {read.begin:g} s to {read.end:g} s."
         )
-    return keep, before
+    return keep, segments
 
 
 def _interval(given: object, where: str) -> tuple[float, float]:
@@ -153,7 +153,7 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, se
     drive, rested, rest_voltage = rest_before(table, parameters, drive, begin - start, length, settles)
     start -= earlier + rested
     data["time"] = data["time"] - start
-    if "sampling" not in table.entries:  # what was planned is no slip of a unit
+    if "sampling" not in table.entries:  # planned times cannot have a wrong unit
         _warn(where, data["time"], drive)
     noise = _positive(table, "noise", unit)
     _question_noise(table, noise, data[measurement.quantity], measurement)

@@ -5,12 +5,11 @@ side by side (`sensitivities`), as whole arrays.  What JAX is told is a function
 direction; the derivative of that array is the array of second order times a direction.  So forward and reverse mode
 nest in any order, and directions asked for together share all but that product.
 
-A call that JAX differentiates by a rule of its own, and maps one lane after the other.
-
-`jax.custom_jvp` is not enough for a rule whose derivative is wanted, too: where JAX takes a loop apart to transpose it,
-it drops the rule and differentiates what the function does (`lax.map` in forward over reverse mode).  A primitive
-keeps its rule.  Under `vmap` lanes run one after the other: side by side every lane of an adaptive loop waits for the
-one with most steps, and each `lax.cond` computes both of its sides.
+`ruled_call` is a JAX primitive with a derivative rule of its own.  `jax.custom_jvp` is not enough for a rule whose
+derivative is wanted, too: where JAX takes a loop apart to transpose it, it drops the rule and differentiates what the
+function does (`lax.map` in forward over reverse mode).  A primitive keeps its rule.  Under `vmap` lanes run one after
+the other: side by side every lane of an adaptive loop waits for the one with most steps, and each `lax.cond` computes
+both of its sides.
 """
 
 import dataclasses
@@ -231,12 +230,12 @@ def _run_derivatives_jvp(
         )
     (moving, fixed, times), extent, accuracy = primals
     (moving_dot, fixed_dot, times_dot), _, _ = tangents
-    moving, fixed, direction, before = _more_moving(moving, fixed, moving_dot, fixed_dot)
+    moving, fixed, direction, before = _activate_tangents(moving, fixed, moving_dot, fixed_dot)
     if order + 1 == _HIGHEST:
         accuracy = _finer(accuracy)
     more, facts = _results_of_run((moving, fixed, times), order + 1, extent, accuracy, keep)
     # Derivatives by what moved before, and their tangents along the direction.
-    of = lambda derivative, i: _taken(derivative, before, i)
+    of = lambda derivative, i: _select_parameters(derivative, before, i)
     # The direction comes first: of many that are mapped over, the results lie in order.
     along = lambda derivative, i: of(jnp.tensordot(direction, derivative, axes=(0, -1)), i)
     orders = range(order + 1)
@@ -268,7 +267,7 @@ def _finer(accuracy: Accuracy) -> Accuracy:
     return dataclasses.replace(accuracy, **tolerances)
 
 
-def _more_moving(
+def _activate_tangents(
     moving: Any, fixed: Any, moving_dot: Any, fixed_dot: Any
 ) -> tuple[Any, Any, Float[Array, " parameters"], Bool[np.ndarray, " parameters"]]:
     """The moving and the fixed leaves once more leaves move, the tangent direction, and which of it moved before."""
@@ -284,7 +283,7 @@ def _more_moving(
     return eqx.combine(moving, joining), fixed, jnp.concatenate(direction), np.concatenate(moved_before)
 
 
-def _taken(derivative: Array, moved_before: Bool[np.ndarray, " parameters"], order: int) -> Array:
+def _select_parameters(derivative: Array, moved_before: Bool[np.ndarray, " parameters"], order: int) -> Array:
     """The part of a derivative that belongs to the parameters that `moved_before`, along each of its last axes."""
     if moved_before.all():
         return derivative
@@ -303,11 +302,11 @@ def _located(table: Table, loop: LoopState, times: Float[Array, " m"]) -> tuple[
     end = end_of(loop)
     begin = lambda rows: table[rows, 0] + table[rows, 1]
     run = loop.count, len(table), table[loop.period, 0], end[0] + end[1], loop.repeats
-    row, laps = places(begin, *run, times)
+    row, laps = locate_times(begin, *run, times)
     return jnp.concatenate([loop.period[None], row]), laps
 
 
-def places(
+def locate_times(
     begin: Callable[[Int[Array, " m"]], Float[Array, " m"]],
     count: Count,
     room: int,

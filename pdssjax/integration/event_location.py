@@ -46,8 +46,8 @@ _CUBIC = 5
 """Iterations of their first guess, by values and slopes at the ends of the bracket alone."""
 
 
-def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Scalar) -> tuple[Scalar, Truth, Scalar]:
-    """When the step ends: the first time [s] at which a guard has fallen through zero, or else `step_radius` [s].
+def first_crossing(guards: tuple[Series, ...], size: int, step_size: Scalar) -> tuple[Scalar, Truth, Scalar]:
+    """When the step ends: the first time [s] at which a guard has fallen through zero, or else `step_size` [s].
 
     **Arguments:** the guards as series in the time since the step's begin, of which `size` coefficients count.
 
@@ -59,14 +59,14 @@ def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Scalar) -
     and is above it within `LOOK_AHEAD`, one or two more are.  The end of the step itself is no crossing.
     """
     if not guards:
-        return step_radius, jnp.zeros((), bool), jnp.zeros(())
+        return step_size, jnp.zeros((), bool), jnp.zeros(())
     # Side by side: one kernel for all guards, and half the code to compile.
     sides = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
-    crossings = _crossing(_Divided(sides), step_radius)
+    crossings = _crossing(_Divided(sides), step_size)
     distances = jnp.abs(crossings)
     first = distances.min()
-    falls = first <= step_radius
-    end = choose(falls, jnp.minimum(first, (1.0 - 1e-15) * step_radius), step_radius)
+    falls = first <= step_size
+    end = choose(falls, jnp.minimum(first, (1.0 - 1e-15) * step_size), step_size)
     return end, falls & ~((crossings == -first) & (crossings < 0.0)).any(), jnp.argmin(distances) * 1.0
 
 
@@ -127,7 +127,7 @@ def _ladder(coefficients: Sequence[Guards], time: Guards) -> list[Guards]:
     return rungs[::-1]
 
 
-def _crossing(g: _Divided, step_radius: Scalar) -> Guards:
+def _crossing(g: _Divided, step_size: Scalar) -> Guards:
     """The first root [s] within the step, or infinity; where it is not located, a time before it, the sign reversed.
 
     It is bracketed by samples; then Newton's method, kept within the bracket.
@@ -135,7 +135,7 @@ def _crossing(g: _Divided, step_radius: Scalar) -> Guards:
     and the root lies before it, about where the parabola through the minimum crosses zero.
     """
     value, rate, bend = (g.coefficient(k) for k in range(3))
-    samples = [jnp.full_like(value, i / _SAMPLES) * step_radius for i in range(_SAMPLES + 1)]
+    samples = [jnp.full_like(value, i / _SAMPLES) * step_size for i in range(_SAMPLES + 1)]
     place: Callable[[Guards], Place] = lambda at: (at, *g.at(at))
     places = [(samples[0], value, rate), *map(place, samples[1:])]
     found, ends, dips, dip = _bracket(places)
@@ -160,7 +160,7 @@ def _crossing(g: _Divided, step_radius: Scalar) -> Guards:
     at_once = (rounding > 0.0) & (value <= rounding) & ~rises
     # Halfway, where the guard is far from what the next step would take for zero.
     halfway = 0.5 * (begin + root)
-    located = (moved <= _LOCATED * step_radius) | (halfway <= _ADVANCE * step_radius)
+    located = (moved <= _LOCATED * step_size) | (halfway <= _ADVANCE * step_size)
     return choose(found | falls, choose(at_once, 0.0, choose(located, root, -halfway)), jnp.inf)
 
 

@@ -134,7 +134,7 @@ def one_step(
     x = kept(x, opaque_one)
     row = written(
         loop,
-        piece.step_radius,
+        piece.step_size,
         duration,
         corner * CORNER + becomes_settled * BECAME_SETTLED + event * (EVENT + WHICH * which),
     )
@@ -204,8 +204,8 @@ def until_event(
     clock = polynomial([loop.t_local, 1.0])
     motion = unflatten([polynomial(c) for c in piece.polynomials])
     size = len(piece.polynomials[0])
-    guards, size = system.guards_along(segment, clock, motion, loop.mode, size, piece.step_radius)
-    duration, event, which = first_crossing(guards, size, piece.step_radius)
+    guards, size = system.guards_along(segment, clock, motion, loop.mode, size, piece.step_size)
+    duration, event, which = first_crossing(guards, size, piece.step_size)
     # Asked for in many places, which must not disagree: what is computed again may differ by rounding.
     duration, event, which = kept((duration, event * 1.0, which), opaque_one)
     event = event > 0.0

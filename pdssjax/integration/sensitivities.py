@@ -205,13 +205,13 @@ def _linearised(
     With respect to the begin and every `moving` parameter of the system.
     """
     steps = _steps_of_tile(moving, fixed, tolerance, rows)
-    step_radius, duration = steps.known[:, 2], steps.known[:, 3]
+    step_size, duration = steps.known[:, 2], steps.known[:, 3]
 
     def flow(inputs: Float[Array, "rows inputs"]) -> tuple[Any, Any]:
         polynomials = method.expand(steps.step, inputs, steps.known)
         shown = _kept(polynomials, keep)
         # Always true, also where a number is not finite.
-        true = ~(step_radius[0] < 0.0)
+        true = ~(step_size[0] < 0.0)
         # One after the other: to stack them takes as long as to expand the steps.
         x = computed_once(true, lambda polynomials: [horner(list(p), duration) for p in polynomials], polynomials)
         x = computed_once(true, steps.side_by_side(exact_end), inputs, x)
@@ -272,4 +272,4 @@ def _known_step(system: AbstractHybridSystem, tolerance: Scalar, row: Float[Arra
     field = field_of(system, system.segment(step.index), unflatten, step.mode)
     scales = lax.stop_gradient(system.error_scale(unflatten(step.begin)))
     units = [scale / tolerance for scale in jax.tree.leaves(scales)]
-    return KnownStep(field, step.t_local, list(step.begin), units, step.step_radius)
+    return KnownStep(field, step.t_local, list(step.begin), units, step.step_size)

@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
-from .differentiated_run import places, since_begins, steps_of
+from .differentiated_run import locate_times, since_begins, steps_of
 from .polynomials import horner
 from .step_table import LoopState
 from .system import AbstractHybridSystem, SampledStates, State, unflattener
@@ -36,7 +36,7 @@ class Steps(NamedTuple):
     index: Float[Array, " room"]  # pyright: ignore[reportIncompatibleMethodOverride]
     """Segment of the drive, counted from 0."""
     mode: Float[Array, " room"]
-    step_radius: Float[Array, " room"]
+    step_size: Float[Array, " room"]
     """Length for which the polynomials were made [s]."""
     duration: Float[Array, " room"]
     """Length for which they are used: up to an event, a corner or the step radius [s]."""
@@ -47,7 +47,7 @@ class Steps(NamedTuple):
     x: Float[Array, "room components"]
     """State at the beginning."""
     polynomials: Float[Array, "room kept coefficients"]
-    """Polynomials of the components kept, in (time - begin)/step_radius, lowest power first."""
+    """Polynomials of the components kept, in (time - begin)/step_size, lowest power first."""
     event: Bool[Array, " room"]
     """Whether an event ended the step."""
     which: Int[Array, " room"]
@@ -107,7 +107,7 @@ def integrate_steps(
     steps = Steps(
         known.index,
         known.mode,
-        known.step_radius,
+        known.step_size,
         known.duration,
         begins[0],
         begins[1],
@@ -138,7 +138,7 @@ def states_at(
     """
     steps, end = run.steps, run.end
     begins, opening = steps.origin + steps.t_local, steps.origin[run.period]
-    row, laps = places(lambda rows: begins[rows], run.count, len(begins), opening, end.time, run.repeats, times)
+    row, laps = locate_times(lambda rows: begins[rows], run.count, len(begins), opening, end.time, run.repeats, times)
     rows = jnp.concatenate([jnp.asarray(run.period)[None], row])
     begun = steps.origin[rows], steps.t_local[rows]
     stop = jnp.concatenate([jnp.stack([end.time - end.t_local, end.t_local]), end.x])

@@ -73,9 +73,9 @@ Table: TypeAlias = Float[Array, "room columns"]
 """A row a step: time and state at its begin, then the `KNOWN_COLUMNS`; room to spare."""
 
 
-def written(loop: LoopState, step_radius: Scalar, duration: Scalar, code: Scalar) -> Float[Array, " columns"]:
+def written(loop: LoopState, step_size: Scalar, duration: Scalar, code: Scalar) -> Float[Array, " columns"]:
     """The row of a step that begins where the `loop` is, of which the code is a sum of bits."""
-    return jnp.stack([loop.origin, loop.t_local, *loop.x, loop.index, loop.mode, step_radius, duration, code])
+    return jnp.stack([loop.origin, loop.t_local, *loop.x, loop.index, loop.mode, step_size, duration, code])
 
 
 TakenSteps: TypeAlias = tuple[Table, LoopState]
@@ -91,7 +91,7 @@ class Row(NamedTuple):
     """The components of the state."""
     index: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
     mode: Scalar
-    step_radius: Scalar
+    step_size: Scalar
     duration: Scalar
     corner: Truth
     becomes_settled: Truth
@@ -108,8 +108,8 @@ def read(row: Float[Array, " columns"]) -> Row:
     """A row of the table, by name."""
     size = row.shape[0] - KNOWN_COLUMNS
     origin, t_local, *begin = row[:size]
-    index, mode, step_radius, duration, code = lax.stop_gradient(row[size:])
+    index, mode, step_size, duration, code = lax.stop_gradient(row[size:])
     code = code.astype(int)
     corner, settled, event = (code & bit > 0 for bit in (CORNER, BECAME_SETTLED, EVENT))
-    known = (index, mode, step_radius, duration, corner, settled, event, code // WHICH)
+    known = (index, mode, step_size, duration, corner, settled, event, code // WHICH)
     return Row(origin, t_local, tuple(begin), *known)

@@ -103,7 +103,7 @@ class AbstractHybridSystem(eqx.Module):
         return cast("tuple[Series, ...]", self.guards(segment, t_local, x, mode)), size  # of series, series
 
     def rates(self, segment: InputSegment, t_local: Scalar, x: State, mode: Scalar) -> State:
-        """The true time derivative of the state, scalars, in every mode: for what is shown of a system.
+        """The true time derivative of the state, scalars, in every mode, for outputs and plots.
 
         In `SETTLED` the `field` leaves out what `exact` knows, such as a platform that rings on below a contact
         that sticks; a system for which the two differ says here what the field would be.
@@ -174,7 +174,7 @@ class AbstractHybridSystem(eqx.Module):
     def is_carried_back(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
         """Whether derivatives are carried back to a fixed time from an event with this `slope` of its guard.
 
-        So from one of a motion of less than this `amplitude` [m] (docs/numerics.md, "A ringing that dies out").
+        True for events of motions smaller than `amplitude` [m] (docs/numerics.md, "A ringing that dies out").
         """
         return jnp.zeros((), bool)
 

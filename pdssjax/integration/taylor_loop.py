@@ -2,7 +2,7 @@
 
 Unrolled, the code of a recurrence grows with the square of the order, and most of a prediction's
 time to compile went into it.  Here a field is evaluated once, on series, and what it did to them
-is recorded; a loop over the order then follows the record.  Arrays have the expansions along their
+is recorded; a loop over the order then follows the tape.  Arrays have the expansions along their
 last axis, and the order along their first, so that every operation runs along the expansions.
 """
 
@@ -36,7 +36,8 @@ Arguments = TypeVarTuple("Arguments")
 Carry: TypeAlias = tuple[
     dict[int, Float[Array, "orders m"]], dict[int, Float[Array, " m"]], dict[int, Float[Array, " m"]]
 ]
-"""Of the nodes kept the coefficients before the last two, the last but one; and the last of the moving ones."""
+"""Of the stored nodes the coefficients of all orders up to k - 2 and those of order k - 1; of the components of the
+state that move those of order k."""
 
 
 class Node(NamedTuple):
@@ -44,12 +45,12 @@ class Node(NamedTuple):
 
     rule: Rule
     operands: tuple[int, ...]
-    """Where they stand in the record."""
+    """Where they stand in the tape."""
     literals: tuple[ScalarLike | None, ...]
     """The numbers in the node, None for those that are arrays."""
 
 
-class Record(eqx.Module):
+class Tape(eqx.Module):
     """The operations of a field on the series of a state: first the state, then the rest, operands first."""
 
     nodes: tuple[Node, ...] = eqx.field(static=True)
@@ -61,7 +62,7 @@ class Record(eqx.Module):
     """Coefficient 0 of each node; None for what is known to vanish."""
 
 
-def recorded(field: Field, time: ScalarLike, state: Sequence[ScalarLike]) -> Record:
+def trace_field(field: Field, time: ScalarLike, state: Sequence[ScalarLike]) -> Tape:
     """What `field(t, x)` does to the series of `time` and `state`, all of them scalars.
 
     The other arguments are those of `taylor_series.taylor_coefficients`.
@@ -91,7 +92,7 @@ def recorded(field: Field, time: ScalarLike, state: Sequence[ScalarLike]) -> Rec
         )
         for node in order.values()
     )
-    return Record(
+    return Tape(
         nodes,
         tuple(None if is_zero(rate) else place[id(rate)] for rate in rates),
         [[jnp.asarray(n, float) for n in node.numbers if not is_literal(n)] for node in order.values()],
@@ -104,22 +105,20 @@ def _literal(number: float) -> float:
     return number if isinstance(number, int) else float(number)
 
 
-def looped_coefficients(
-    record: Record, order: int, opaque_one: Float[Array, " m"]
-) -> list[Float[Array, "coefficients m"]]:
+def looped_coefficients(tape: Tape, order: int, opaque_one: Float[Array, " m"]) -> list[Float[Array, "coefficients m"]]:
     """Taylor coefficients of many solutions side by side, those of `taylor_series.taylor_coefficients`.
 
-    **Arguments:** the arrays of `record` and `opaque_one` have shape (m,).
+    **Arguments:** the arrays of `tape` and `opaque_one` have shape (m,).
 
     **Returns:** for each component the coefficients, shape (order + 1, m).
     """
-    constant = _constants(record)
-    components = range(len(record.rates))
-    start = lambda i: 0 if record.starts[i] is None else record.starts[i]
+    constant = _constants(tape)
+    components = range(len(tape.rates))
+    start = lambda i: 0 if tape.starts[i] is None else tape.starts[i]
     row = lambda x: jnp.broadcast_to(jnp.asarray(x, float), opaque_one.shape)
-    rate_of = lambda i, rates, k: rates(record.rates[i]) * (1.0 / (k * opaque_one))
+    rate_of = lambda i, rates, k: rates(tape.rates[i]) * (1.0 / (k * opaque_one))
     moving = [i for i in components if not constant[i]]
-    kept = sorted(_looking_back(record, constant) | set(moving))
+    kept = sorted(_looking_back(tape, constant) | set(moving))
     # Coefficient i stands at order - i; behind it zeros, so that a shifted stretch never ends.
     blank = jnp.zeros((2 * order, *opaque_one.shape))
 
@@ -127,9 +126,11 @@ def looped_coefficients(
         buffers, before, now = carry
         # Written first and only read afterwards, the buffers are not copied.
         buffers = {i: lax.dynamic_update_index_in_dim(buffers[i], before[i], order - k + 1, 0) for i in kept}
-        tracks = [_Track(start(i), constant[i], buffers.get(i), order, now.get(i, 0)) for i in range(len(record.nodes))]
-        for i in range(len(components), len(record.nodes)):
-            tracks[i].find(record, i, tracks, k, opaque_one)
+        tracks = [
+            _TapeEntry(start(i), constant[i], buffers.get(i), order, now.get(i, 0)) for i in range(len(tape.nodes))
+        ]
+        for i in range(len(components), len(tape.nodes)):
+            tracks[i].compute_coefficient(tape, i, tracks, k, opaque_one)
         after = {i: row(rate_of(i, lambda j: tracks[j][k], k + 1)) for i in moving}
         return buffers, {i: row(tracks[i][k]) for i in kept}, after
 
@@ -144,7 +145,7 @@ def looped_coefficients(
     ]
 
 
-class _Track:
+class _TapeEntry:
     """A series within the loop: its coefficients 0 and k, and those before k if anything looks back at them."""
 
     def __init__(
@@ -152,14 +153,14 @@ class _Track:
     ):
         self._start, self._constant, self._buffer, self._order, self._now = start, constant, buffer, order, now
 
-    def find(
-        self, record: Record, i: int, tracks: Sequence["_Track"], k: Count, opaque_one: Float[Array, " m"]
+    def compute_coefficient(
+        self, tape: Tape, i: int, tracks: Sequence["_TapeEntry"], k: Count, opaque_one: Float[Array, " m"]
     ) -> None:
         """Coefficient k, once those of the operands are known."""
-        node = record.nodes[i]
+        node = tape.nodes[i]
         if self._constant:
             return
-        arrays = iter(record.numbers[i])
+        arrays = iter(tape.numbers[i])
         numbers = tuple(next(arrays) if literal is None else literal for literal in node.literals)
         if node.rule is series.polynomial_rule:
             self._now = series.total(jnp.where(k == j, c, 0.0) for j, c in enumerate(numbers) if j > 0)
@@ -171,7 +172,7 @@ class _Track:
     def __getitem__(self, k: Order) -> ScalarLike:
         return self._start if is_zero(k) else self._now
 
-    def inner_products(self, other: "_Track", k: Order, weight: Weight | None = None) -> ScalarLike:
+    def inner_products(self, other: "_TapeEntry", k: Order, weight: Weight | None = None) -> ScalarLike:
         """The sum of weight(i) self[i] other[k - i] over 0 < i < k; self[i] is still zero from k on."""
         if self._constant or other._constant or self._buffer is None or other._buffer is None:
             return 0
@@ -189,12 +190,12 @@ class _Track:
         return computed_once(run, inner, self._buffer, before)
 
 
-def _constants(record: Record) -> list[bool]:
+def _constants(tape: Tape) -> list[bool]:
     """Which nodes have no coefficient but 0 that can differ from zero."""
     constant: list[bool] = []
-    for i, node in enumerate(record.nodes):
+    for i, node in enumerate(tape.nodes):
         if node.rule is series.unknown_rule:
-            constant.append(record.rates[i] is None)
+            constant.append(tape.rates[i] is None)
         elif node.rule is series.polynomial_rule:
             constant.append(all(is_zero(number) for number in node.literals[1:]))
         else:
@@ -203,10 +204,10 @@ def _constants(record: Record) -> list[bool]:
     return constant
 
 
-def _looking_back(record: Record, constant: list[bool]) -> set[int]:
+def _looking_back(tape: Tape, constant: list[bool]) -> set[int]:
     """The nodes of which lower coefficients are needed."""
     needed: set[int] = set()
-    for i, node in enumerate(record.nodes):
+    for i, node in enumerate(tape.nodes):
         if node.rule in _CONVOLVED:
             pair = [i if which is None else node.operands[which] for which in _CONVOLVED[node.rule]]
             if not any(constant[j] for j in pair):

@@ -56,7 +56,7 @@ class StationaryNoise(NamedTuple):
         variance = self._on_grid(time)[0][0]
         return float(freedom * np.log(variance / self.innovation) - 2.0 * self.order)
 
-    def independent(self, time: Samples) -> float:
+    def independent_share(self, time: Samples) -> float:
         """Independent samples per sample, by the variance of their mean square (M. S. Bartlett, 1946)."""
         if not self.order:
             return 1.0
@@ -175,7 +175,7 @@ class NoiseInTime(NamedTuple):
     """Share a of the slow noise in the variance; 0 for white noise."""
     duration: float = 1.0
     """Correlation time tau of the slow noise [s]."""
-    pulsation: float = 0.0
+    angular_frequency: float = 0.0
     """Angular frequency w of noise that rings [rad/s]; 0 where it does not."""
     gain: float = 0.0
     """Twice the gain in log-likelihood over white noise."""
@@ -183,21 +183,23 @@ class NoiseInTime(NamedTuple):
     @property
     def order(self) -> int:
         """Number of parameters of the colour."""
-        return 0 if self.share == 0.0 else 3 if self.pulsation else 2
+        return 0 if self.share == 0.0 else 3 if self.angular_frequency else 2
 
     def covariance_at(self, apart: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Covariance of samples `apart` [s]."""
-        slow = np.exp(-np.abs(apart) / self.duration) * np.cos(self.pulsation * apart)
+        slow = np.exp(-np.abs(apart) / self.duration) * np.cos(self.angular_frequency * apart)
         return self.variance * np.where(apart == 0.0, 1.0, self.share * slow)
 
     def evidence(self, freedom: float, time: Samples) -> float:
         """Twice the gain in log-likelihood over white noise, less twice the numbers that it took (Akaike)."""
         return self.gain - 2.0 * self.order
 
-    def independent(self, time: Samples) -> float:
+    def independent_share(self, time: Samples) -> float:
         """Independent samples per sample, by the variance of their mean square (M. S. Bartlett, 1946)."""
         # exp(-2 t / tau) cos(w t)^2 in two parts.
-        parts = (NoiseInTime(1.0, self.share**2, 0.5 * self.duration, turn) for turn in (0.0, 2.0 * self.pulsation))
+        parts = (
+            NoiseInTime(1.0, self.share**2, 0.5 * self.duration, turn) for turn in (0.0, 2.0 * self.angular_frequency)
+        )
         ones = np.ones((time.size, 1))
         return 2.0 * time.size / float(sum(np.sum(part.covariance_product(ones, time)) for part in parts))
 
@@ -206,7 +208,7 @@ class NoiseInTime(NamedTuple):
         out = self.variance * (1.0 - self.share) * columns
         if self.share == 0.0:
             return out
-        scale, rate = self.variance * self.share, 1.0 / self.duration - 1j * self.pulsation
+        scale, rate = self.variance * self.share, 1.0 / self.duration - 1j * self.angular_frequency
         kernel = lambda apart: np.exp(-rate * np.abs(apart))
         blocks = [slice(begin, begin + _BLOCK) for begin in range(0, time.size, _BLOCK)]
         for rows in blocks:
@@ -248,11 +250,11 @@ def unevenness(values: Samples, time: Samples) -> float:
     Bartlett's test of equal variances (Proc. R. Soc. Lond. A 160, 1937), as a normal deviate, over equal parts of as
     many independent samples as the colour found leaves them.  NaN is left out.
 
-    **Returns:** infinite for what is alike so long that there are not three such parts.  A few white samples are even.
+    **Returns:** where there are fewer than three such parts, infinity for coloured noise and 0 for white noise.
     """
     there = np.isfinite(values)
     noise = noise_at(time, values, float(np.sum(there)), values.size)
-    share = noise.independent(time[there])
+    share = noise.independent_share(time[there])
     count = int(min(_PARTS, share * np.sum(there) / _IN_PART))
     if count < 3:
         return np.inf if noise.order else 0.0

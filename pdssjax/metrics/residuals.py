@@ -119,7 +119,7 @@ def lack_of_fit(residual: Samples, time: Samples, frequency: float) -> LackOfFit
     misfit = max(between - within, 0.0) * (phases - 1) / samples
     # Independent samples a sample, by the noise of a cycle.
     noise = noise_at(time, split.rest, float(np.sum(np.isfinite(split.rest))), split.sizes.size // 2)
-    independent = noise.independent(time[: split.sizes.size])
+    independent = noise.independent_share(time[: split.sizes.size])
     sigmas = _normal_deviate(between, within, (phases - 1) * independent, (samples - phases) * independent)
     return LackOfFit(float(np.sqrt(within)), float(np.sqrt(misfit)), sigmas)
 

@@ -60,7 +60,7 @@ def common_noise(record: Record, predicted: Float[np.ndarray, " samples"], freed
     used[outliers(record.measured, predicted, record.time, frequency)] = False
     rest = np.where(used, residual - (np.mean(residual[used]) if record.offset is None else 0.0), np.nan)
     found = split_residuals(rest, record.time, frequency, freedom).noise
-    share = min(max(found.independent(record.time), 1.0 / record.time.size), 1.0)
+    share = min(max(found.independent_share(record.time), 1.0 / record.time.size), 1.0)
     variance = found.variance if isinstance(found, NoiseInTime) else float(found.autocovariance(1)[0])
     by_chance = 1.0 + EXCESS_SIGMAS * float(np.sqrt(2.0 / (share * record.time.size)))
     given = 0.0 if record.noise is None else record.noise**2

@@ -54,7 +54,7 @@ class Trajectory(NamedTuple):
     """0, or an index into `pdssjax.integration.FAILURES`; the motion is then NaN."""
     grazing: Float[Array, ""] | None = None
     """Distance from grazing of the nearest reversal of a steady motion, 0 (it grazes) to 1, NaN where it
-    does not repeat; below `pdssjax.integration.GRAZES` it is the last of many cycles, without derivatives."""
+    does not repeat.  Below `pdssjax.integration.GRAZES` the motion is the last of many cycles, without derivatives."""
 
     @property
     def message(self) -> str:

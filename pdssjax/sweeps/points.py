@@ -262,7 +262,10 @@ STEP = 0.5
 
 
 class SigmaPoints(AbstractPoints):
-    """The estimate, both points of every principal axis that has a variance, then those of every random direction."""
+    """The estimate, then both points on every principal axis, then both on as many random directions.
+
+    On an axis without variance both are the estimate.
+    """
 
     def __init__(self, draws: CovarianceDraws):
         """Sigma points about the means of `draws`, with their covariance."""

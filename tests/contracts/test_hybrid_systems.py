@@ -146,7 +146,7 @@ def test_an_event_leaves_every_guard_positive_a_moment_later(name):
     """What a reset must leave: a state from which the mode that follows can go on."""
     _, steps, (_, _, _, guards) = inside_states(name)
     size = np.abs(guards).max(axis=(0, 1))
-    begun = (steps.duration < steps.step_radius) & (steps.index == np.roll(steps.index, -1))
+    begun = (steps.duration < steps.step_size) & (steps.index == np.roll(steps.index, -1))
     after = np.roll(begun, 1)
     assert after.sum() > 3
     assert (guards[after][:, :-1] > -1e-12 * size).all()
@@ -160,7 +160,7 @@ def test_the_derivative_of_an_event_s_time_is_that_of_differences(name):
     def event_times(factor):
         times, slopes, found = run(jnp.asarray(factor, float))
         count = int(found.count)
-        cut = np.asarray(found.steps.duration < found.steps.step_radius)[: count - 1]
+        cut = np.asarray(found.steps.duration < found.steps.step_size)[: count - 1]
         same = np.diff(np.asarray(found.steps.index)[:count]) == 0
         return np.asarray(times)[1:count][cut & same], np.asarray(slopes)[1:count][cut & same]
 

@@ -146,7 +146,7 @@ def test_products_at_any_times_are_those_of_the_dense_matrix(noise):
     time, columns = clock("geometric", 700), DICE.normal(size=(700, 3))
     dense = noise.covariance_at(time[:, None] - time)
     np.testing.assert_allclose(noise.covariance_product(columns, time), dense @ columns, rtol=1e-11, atol=1e-11)
-    assert noise.independent(time) == pytest.approx(700 * noise.variance**2 / np.sum(dense**2), rel=1e-10)
+    assert noise.independent_share(time) == pytest.approx(700 * noise.variance**2 / np.sum(dense**2), rel=1e-10)
 
 
 def test_the_likelihood_is_that_of_the_dense_matrix():

@@ -253,10 +253,10 @@ def with_profile_intervals(
 ) -> Estimate:
     """`estimate` with 95 % intervals that end where chi-square, minimised over all else, exceeds its threshold.
 
-    Where residuals exceed the noise given the threshold of each parameter grows as its variance does, and where noise
-    was estimated it is that of Student's t squared.  A parameter at a bound has that for one end, and those about which
-    the data say nothing keep their interval.  A note names every end that is no ordinary one.  `profiles` holds the
-    curve between the ends of each.
+    Where residuals exceed the noise given, the threshold of each parameter grows as its variance does; where noise was
+    estimated, it is the 95 % quantile of t^2.  A bound that a parameter lies at is one end of its interval.  Parameters
+    about which the data say nothing keep their interval.  A note names every end that is no ordinary one.  `profiles`
+    holds the curve between the ends of each.
     """
     thresholds, transform = _thresholds(estimate, evidence), evidence.problem.residual.transform
     kept = [path for path in transform.paths if estimate.parameters[path].identifiable]
@@ -349,10 +349,10 @@ def _with_profiles(
 def _thresholds(estimate: Estimate, evidence: Evidence) -> Float[np.ndarray, " p"]:
     """Excess of chi-square over its minimum at the ends of the interval of each parameter.
 
-    A profile of chi-square is the ratio of the parameter's variance to that by the noise given, times chi-square's
-    distribution of one degree of freedom (J. T. Kent, Biometrika 69(1), 1982), or that of t^2 where the noise was
-    estimated.  At a bound, where there is no variance, it is the factor of the noise given, and the fewest degrees of
-    freedom of the others.
+    The excess is distributed as r times chi-square of one degree of freedom, r the ratio of the parameter's variance to
+    that by the noise given (J. T. Kent, Biometrika 69(1), 1982); where the noise was estimated, as r t^2.  At a
+    bound, where there is no variance, it is the factor of the noise given, and the fewest degrees of freedom of the
+    others.
     """
     free, fit = evidence.problem.residual.transform, evidence.fit
     held = free.at_bound(fit.free)

@@ -20,7 +20,7 @@ class Piece(NamedTuple):
     """A step that was attempted."""
 
     polynomials: Polynomials
-    step_radius: Scalar
+    step_size: Scalar
     """Length for which the polynomials hold [s]."""
     accepted: Truth
     next_proposed_step: Scalar
@@ -36,7 +36,7 @@ class KnownStep(NamedTuple):
     x: list[Scalar]
     """State at its start."""
     units: list[Scalar]
-    step_radius: Scalar
+    step_size: Scalar
     """Length for which the polynomials hold [s]."""
 
 

@@ -54,19 +54,19 @@ class OneStep(AbstractStepMethod):
         proposed_step: Scalar,
         opaque_one: Scalar,
     ) -> Piece:
-        step_radius = jnp.minimum(proposed_step, remaining)
-        polynomials, error, ok = self._step(field, t_local, x, units, step_radius)
+        step_size = jnp.minimum(proposed_step, remaining)
+        polynomials, error, ok = self._step(field, t_local, x, units, step_size)
         size = jnp.max(jnp.abs(error))
         size = jnp.where(ok & jnp.isfinite(size), size, 1e10)
         order = self.solver.order(diffrax.ODETerm(lambda t, y, args: y)) or 1
         factor = jnp.clip(0.9 * (size + 1e-30) ** (-1.0 / (order + 1.0)), 0.1, 5.0)
         accepted = size <= 1.0
         grown = jnp.where(
-            accepted & (step_radius == remaining),
-            jnp.maximum(proposed_step, step_radius * factor),
-            step_radius * factor,
+            accepted & (step_size == remaining),
+            jnp.maximum(proposed_step, step_size * factor),
+            step_size * factor,
         )
-        return Piece(polynomials, step_radius, accepted, grown)
+        return Piece(polynomials, step_size, accepted, grown)
 
     def expand(
         self, step: Callable[..., KnownStep], *rows: Float[Array, "rows ..."]
@@ -75,15 +75,15 @@ class OneStep(AbstractStepMethod):
         return [jnp.stack(coefficients) for coefficients in polynomials]
 
     def _step(
-        self, field: Field, t_local: Scalar, x: Sequence[Scalar], units: Sequence[Scalar], step_radius: Scalar
+        self, field: Field, t_local: Scalar, x: Sequence[Scalar], units: Sequence[Scalar], step_size: Scalar
     ) -> tuple[Polynomials, Float[Array, " components"], Truth]:
         scale = jnp.stack(units)
 
         def scaled(time: Any, state: Float[Array, " components"], args: object) -> Float[Array, " components"]:
-            rates = field(t_local + time * step_radius, tuple(state / scale))
-            return jnp.stack([constant(rate) for rate in rates]) * scale * step_radius
+            rates = field(t_local + time * step_size, tuple(state / scale))
+            return jnp.stack([constant(rate) for rate in rates]) * scale * step_size
 
-        term, solver = diffrax.ODETerm(scaled), self._ready()
+        term, solver = diffrax.ODETerm(scaled), self._with_tight_root_finder()
         start = jnp.stack(x) * scale
         begin, end = jnp.zeros_like(t_local), jnp.ones_like(t_local)
         solver_state = solver.init(term, begin, end, start, None)
@@ -92,7 +92,7 @@ class OneStep(AbstractStepMethod):
         points = basis(self.degree)
         values = jax.vmap(inner.evaluate)(jnp.asarray(points.nodes) + 0.0 * t_local)
         # The solver's time runs from 0 to 1.
-        unit = jnp.where(step_radius > 0, step_radius, 1.0)
+        unit = jnp.where(step_size > 0, step_size, 1.0)
         coefficients = points.powers(values) / scale / unit ** jnp.arange(self.degree + 1.0)[:, None]
         polynomials: Polynomials = [[coefficients[k, i] for k in range(self.degree + 1)] for i in range(len(x))]
         return polynomials, error, result == diffrax.RESULTS.successful
@@ -100,7 +100,7 @@ class OneStep(AbstractStepMethod):
     def _inner(self) -> Any:
         return self.solver.solver if isinstance(self.solver, diffrax.HalfSolver) else self.solver
 
-    def _ready(self) -> Any:
+    def _with_tight_root_finder(self) -> Any:
         solver: Any = _differentiable(self.solver)
         if isinstance(solver, diffrax.HalfSolver):
             solver = eqx.tree_at(lambda s: s.solver, solver, _differentiable(solver.solver))

@@ -54,8 +54,8 @@ class Picard(AbstractStepMethod):
         proposed_step: Scalar,
         opaque_one: Scalar,
     ) -> Piece:
-        step_radius = jnp.minimum(proposed_step, remaining)
-        found = self._collocated(field, t_local, x, step_radius)
+        step_size = jnp.minimum(proposed_step, remaining)
+        found = self._collocated(field, t_local, x, step_size)
         tail = jnp.max(jnp.abs((jnp.asarray(basis(self.degree).to_chebyshev) @ found.values)[-2:]), axis=0)
         scale = jnp.stack(units)
         allowed = jnp.maximum(1.0 / scale, _ROUNDING * jnp.max(jnp.abs(found.values), axis=0))
@@ -64,40 +64,40 @@ class Picard(AbstractStepMethod):
         factor = jnp.clip(0.8 * (size + 1e-30) ** (-1.0 / self.degree), 0.1, 20.0)
         accepted = size <= 1.0
         grown = jnp.where(
-            accepted & (step_radius < proposed_step),
-            jnp.maximum(proposed_step, step_radius * factor),
-            step_radius * factor,
+            accepted & (step_size < proposed_step),
+            jnp.maximum(proposed_step, step_size * factor),
+            step_size * factor,
         )
-        return Piece(self._polynomials(found, step_radius, x), step_radius, accepted, grown)
+        return Piece(self._polynomials(found, step_size, x), step_size, accepted, grown)
 
     def expand(
         self, step: Callable[..., KnownStep], *rows: Float[Array, "rows ..."]
     ) -> list[Float[Array, "coefficients rows"]]:
         def again(*row: Float[Array, "..."]) -> Polynomials:
             known = step(*row)
-            found = self._collocated(known.field, known.t_local, known.x, known.step_radius)
-            return self._polynomials(found, known.step_radius, known.x)
+            found = self._collocated(known.field, known.t_local, known.x, known.step_size)
+            return self._polynomials(found, known.step_size, known.x)
 
         return [jnp.stack(coefficients) for coefficients in jax.vmap(again)(*rows)]
 
-    def _collocated(self, field: Field, t_local: Scalar, x: Sequence[Scalar], step_radius: Scalar) -> Collocated:
+    def _collocated(self, field: Field, t_local: Scalar, x: Sequence[Scalar], step_size: Scalar) -> Collocated:
         points = basis(self.degree)
         start = jnp.stack(x)
-        times = t_local + step_radius * points.nodes
+        times = t_local + step_size * points.nodes
 
         def rates(time: Scalar, state: Float[Array, " components"]) -> Float[Array, " components"]:
             return jnp.stack([jnp.asarray(constant(rate), float) for rate in field(time, tuple(state))])
 
         def iterate(_: int, found: Collocated) -> Collocated:
-            values = start + step_radius * (jnp.asarray(points.integral) @ jax.vmap(rates)(times, found.values))
+            values = start + step_size * (jnp.asarray(points.integral) @ jax.vmap(rates)(times, found.values))
             return Collocated(values, jnp.max(jnp.abs(values - found.values), axis=0))
 
         first = Collocated(jnp.broadcast_to(start, (self.degree + 1, len(x))), jnp.zeros_like(start))
         return lax.fori_loop(0, _ITERATIONS, iterate, first)
 
-    def _polynomials(self, found: Collocated, step_radius: Scalar, x: Sequence[Scalar]) -> Polynomials:
+    def _polynomials(self, found: Collocated, step_size: Scalar, x: Sequence[Scalar]) -> Polynomials:
         # A step without length is at its start; the powers of one near it would not be finite.
-        unit = jnp.where(step_radius > 1e-18, step_radius, 1.0)
+        unit = jnp.where(step_size > 1e-18, step_size, 1.0)
         powers = basis(self.degree).powers(found.values) / unit ** jnp.arange(self.degree + 1.0)[:, None]
-        powers = jnp.where(step_radius > 1e-18, powers, 0.0)
+        powers = jnp.where(step_size > 1e-18, powers, 0.0)
         return [[x[i], *(powers[k, i] for k in range(1, self.degree + 1))] for i in range(len(x))]

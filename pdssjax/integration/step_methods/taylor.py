@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...core import Scalar, ScalarLike
-from ..taylor_loop import Record, looped_coefficients, recorded
+from ..taylor_loop import Tape, looped_coefficients, trace_field
 from ..taylor_series import Field, Series, taylor_coefficients
 from .base import AbstractStepMethod, KnownStep, Piece
 
@@ -35,8 +35,8 @@ def shortened(piece: Piece, extra: Sequence[Series], tolerance: Scalar, opaque_o
     """The part of `piece` that also resolves the series `extra`, made of its polynomials, to `tolerance`."""
     size = len(piece.polynomials[0])
     rows = [[series[k] for k in range(size)] for series in extra]
-    enough = jnp.minimum(resolved_radius(rows, [1.0 / tolerance] * len(rows)), piece.step_radius)
-    return piece._replace(step_radius=enough / opaque_one)
+    enough = jnp.minimum(resolved_radius(rows, [1.0 / tolerance] * len(rows)), piece.step_size)
+    return piece._replace(step_size=enough / opaque_one)
 
 
 class Taylor(AbstractStepMethod):
@@ -67,16 +67,16 @@ class Taylor(AbstractStepMethod):
         opaque_one: Scalar,
     ) -> Piece:
         series = taylor_coefficients(field, t_local, x, self.order, opaque_one)
-        step_radius = jnp.minimum(resolved_radius(series, units), remaining) / opaque_one
+        step_size = jnp.minimum(resolved_radius(series, units), remaining) / opaque_one
         # Always accepted: a series that is not finite would not be so the next time either.
-        return Piece(series, step_radius, jnp.ones((), bool), step_radius)
+        return Piece(series, step_size, jnp.ones((), bool), step_size)
 
     def expand(
         self, step: Callable[..., KnownStep], *rows: Float[Array, "rows ..."]
     ) -> list[Float[Array, "coefficients rows"]]:
-        def opened(*row: Float[Array, "..."]) -> tuple[Record, Scalar]:
+        def opened(*row: Float[Array, "..."]) -> tuple[Tape, Scalar]:
             start = step(*row)
-            return recorded(start.field, start.t_local, start.x), 1.0 + 0.0 * start.step_radius
+            return trace_field(start.field, start.t_local, start.x), 1.0 + 0.0 * start.step_size
 
-        record, opaque_one = jax.vmap(opened)(*rows)
-        return looped_coefficients(record, self.order, opaque_one)
+        tape, opaque_one = jax.vmap(opened)(*rows)
+        return looped_coefficients(tape, self.order, opaque_one)

@@ -37,7 +37,7 @@ class Coloured(AbstractErrorModel):
             return RecordShare(record.influence.T @ record.influence + by_size, 0.0, 1.0)
         found = split_residuals(record.residual, record.time, record.frequency, record.freedom)
         covariance = record.influence.T @ found.noise.covariance_product(record.influence, record.time)
-        freedom = max(found.freedom * found.noise.independent(record.time), 1.0)
+        freedom = max(found.freedom * found.noise.independent_share(record.time), 1.0)
         return RecordShare(covariance + by_size, found.noise.evidence(found.freedom, record.time), freedom)
 
 
