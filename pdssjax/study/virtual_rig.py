@@ -39,7 +39,9 @@ def make_recordings(study: Study, seed: int = 0) -> list[Recording]:
     motions = [np.asarray(motion) for motion in study.predict()]
     if not all(np.isfinite(motion).all() for motion in motions):
         cause = failure_cause(study.predictor, study.records, study.values(), study.accuracy)
-        raise InputError(f"{study.path or study.title}: found numbers with which the simulation fails: {cause}.")
+        raise InputError(
+            f"{study.path or study.title}: found a simulation that fails, expected one that reaches the end of its records: {cause}."
+        )
     recordings = []
     for record, true in zip(study.records, motions, strict=True):
         random = np.random.default_rng([seed, *record.name.encode()])
