@@ -40,7 +40,8 @@ def make_recordings(study: Study, seed: int = 0) -> list[Recording]:
     if not all(np.isfinite(motion).all() for motion in motions):
         cause = failure_cause(study.predictor, study.records, study.values(), study.accuracy)
         raise InputError(
-            f"{study.path or study.title}: found a simulation that fails, expected one that reaches the end of its records: {cause}."
+            f"{study.path or study.title}: found a simulation that fails, expected one that reaches the end of its "
+            f"records: {cause}."
         )
     recordings = []
     for record, true in zip(study.records, motions, strict=True):
