@@ -68,7 +68,7 @@ def read_number(text: str, unit: str, where: str, *, least: float | None = None,
 
 
 def read_pairs(given: Iterable[str], option: str, quantities: Collection[str], example: str) -> dict[str, str]:
-    """Texts by quantity, one of the `quantities`, from what was `given` for an option, each such as the `example`."""
+    """The values of an option given as QUANTITY=VALUE, by quantity; `example` shows one in the message of an error."""
     pairs = {}
     for text in given:
         quantity, _, value = (part.strip() for part in text.partition("="))

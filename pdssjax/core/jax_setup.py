@@ -118,8 +118,8 @@ _LEVEL = "--xla_backend_optimization_level=1"
 level, and the loops over steps run as fast (docs/decisions/12-loop-over-the-order.md)."""
 
 _SUMS = "--xla_disable_hlo_passes=tree_reduction_rewriter"
-"""A sum is one loop and not a tree of sums of 32 numbers each, of which LLVM makes pages of code: the example's first
-fit takes a tenth less time, and later ones as long."""
+"""Compile a sum as one loop.  XLA's tree of sums of 32 numbers each is pages of LLVM code: without it the example's
+first fit takes a tenth less time, and later ones as long."""
 
 _PARTS = "--xla_cpu_parallel_codegen_split_count=1"
 """Into how many parts a function is split to be compiled in threads of their own: the loops, which most of the time
@@ -139,8 +139,8 @@ def xla_flags(version: str = jaxlib_version) -> list[str]:
         if numbers < _NEWER_THAN_MEASURED or in_jaxlib(_flag_name(flag))
     ]
     # Level and sums would hold for an accelerator's code, too.
-    for_all = importlib.metadata.entry_points(group="jax_plugins")
-    return [flag for flag in flags if flag not in (_LEVEL, _SUMS) or not for_all]
+    accelerators = importlib.metadata.entry_points(group="jax_plugins")
+    return [flag for flag in flags if flag not in (_LEVEL, _SUMS) or not accelerators]
 
 
 def in_jaxlib(flag: str) -> bool:

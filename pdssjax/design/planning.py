@@ -209,7 +209,7 @@ class _Planning:
 
     @functools.cached_property
     def experiments(self) -> list[Experiment]:
-        """All experiments within the limits."""
+        """The experiments that the limits allow, before any is simulated."""
         return possible_experiments(self.study, self.limits)
 
     @functools.cached_property
@@ -339,7 +339,7 @@ class _Planning:
         return [f"No experiment within the limits changes with {combination.words}." for combination in unseen]
 
     def _finished(self, search: Search, plan: Sequence[Pair], candidates: int, notes: list[str]) -> Plan:
-        """The plan with what it promises, at its own samples."""
+        """The `Plan` of the chosen records, its promised errors computed at their own samples."""
         survey, paths = self.survey, self.survey.own.paths
         plan = sorted(plan, key=lambda pair: self.limits.kinds.index(pair[0].kind))
         plan = [(experiment.rounded(), schedule.rounded()) for experiment, schedule in plan]
@@ -390,7 +390,7 @@ class _Planning:
         )
 
     def _errors(self, information: Float[np.ndarray, "p p"]) -> Errors:
-        """Standard errors [SI]; NaN of parameters that take part in a combination without information."""
+        """Standard errors [SI] by path, from an information matrix; NaN for parameters that it leaves undetermined."""
         paths = self.survey.own.paths
         lost = {path for combination in unseen_combinations(information, paths) for path in combination.exponents}
         kept = [i for i, path in enumerate(paths) if path not in lost]

@@ -189,7 +189,7 @@ def _hermite(
     slope_last: Float[np.ndarray, "*shape"],
     at: float,
 ) -> Float[np.ndarray, "*shape"]:
-    """The cubic with values and slopes given at `low` and `high`.
+    """Values at `at` of the monotone cubic with given values and slopes at `low` and `high`.
 
     Slopes are limited so that it stays between the values (F. N. Fritsch and R. E. Carlson, SIAM J. Num. Anal. 17(2),
     1980).
