@@ -18,14 +18,17 @@ if TYPE_CHECKING:
 QUANTITIES = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s", "force": "N"}
 """What a channel may be, and its unit."""
 
-MANY = 100_000
+_MANY_SAMPLES = 100_000
 """Samples of a record from which the user is told how to keep fewer."""
 
-SLOW, FAST = 0.05, 15e3
-"""Frequencies of a drive [Hz] beyond which the clock's unit may be wrong."""
+_SLOWEST_DRIVE, _FASTEST_DRIVE = 0.05, 15e3
+"""Frequencies [Hz] beyond which the clock's unit may be wrong."""
 
-LARGE, USUAL, SMALL = 2e-6, 3e-7, 5e-10
-"""Gain [m/V] from which a unit or a scale may be wrong, that of most stacks at most, and up to which one may be."""
+_LEAST_GAIN, _MOST_GAIN = 5e-10, 2e-6
+"""Gains of a platform [m/V] beyond which a unit or a scale may be wrong."""
+
+_MOST_USUAL_GAIN = 3e-7
+"""Gain [m/V] that few stacks exceed."""
 
 
 def new(options: argparse.Namespace) -> int:
@@ -98,12 +101,12 @@ def _warn(records: Sequence["NewRecord"], rig: "RigOptions") -> None:
         said.append(f"found a mass of {rig.mass:g} kg, more than friction carries: is its unit right?")
     for record in records:
         guess, file = record.guess, record.roles.file
-        if (count := guess.time.size) > MANY:
+        if (count := guess.time.size) > _MANY_SAMPLES:
             said.append(f"{file}: {count} samples make a slow fit; the keys window and decimate keep fewer")
         if record.gaps:
             said.append(f"{file}: found {record.left_out} samples that are no numbers; the record excludes them")
         gain = gain_of(guess)
-        if gain > LARGE:
+        if gain > _MOST_GAIN:
             said.append(
                 f"{file}: found {1e6 * gain:.3g} um/V, more than a stack moves; of a voltage before its amplifier say "
                 "--scale voltage=20 or so, of a sensor's millivolts --unit displacement=mV beside its scale"
@@ -114,7 +117,7 @@ def _warn(records: Sequence["NewRecord"], rig: "RigOptions") -> None:
                 "and a study wants the voltage at the piezo: of a monitor 1:20 say --scale voltage=20"
             )
         said += [f"{file}: found {what}" for what in _describe_implausible(record)]
-        if gain < SMALL:
+        if gain < _LEAST_GAIN:
             said.append(
                 f"{file}: found {1e9 * gain:.3g} nm/V, less than a stack moves: is the displacement's unit right?"
             )
@@ -130,7 +133,7 @@ def _describe_implausible(record: "NewRecord") -> list[str]:
     said, guess = [], record.guess
     numbers = guess.waveform.numbers
     frequency, peak = numbers.get("frequency"), abs(numbers.get("voltage", 0.0))
-    if frequency is not None and not SLOW < frequency < FAST:
+    if frequency is not None and not _SLOWEST_DRIVE < frequency < _FASTEST_DRIVE:
         said.append(f"a drive of {frequency:.3g} Hz: is the clock's unit right?")
     if peak > 1000.0:
         said.append(f"{peak:.4g} V, more than stacks bear: is the voltage's unit or scale right?")
@@ -162,7 +165,7 @@ def _before_an_amplifier(record: "NewRecord", gain: float) -> str:
     words = ("mon", "cmd", "command", "control", "sense", "setpoint", "soll")
     named = any(word in channel.name.lower() for word in words)
     # Monitors and commands have 10 V at most, and some overshoot.
-    return f"{peak:.3g} V" if peak < 10.5 and (named or gain > USUAL) else ""
+    return f"{peak:.3g} V" if peak < 10.5 and (named or gain > _MOST_USUAL_GAIN) else ""
 
 
 def _hints(options: argparse.Namespace) -> "Hints":

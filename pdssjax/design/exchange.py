@@ -25,6 +25,9 @@ _FAINT = 1e-6
 _AT_ONCE = 20_000_000
 """Elements of information matrices that are judged together."""
 
+_SMALLER = 0.75
+"""Part of a record's samples up to which another one counts as smaller."""
+
 
 class Candidates(NamedTuple):
     """The candidates of a plan; each may be chosen several times."""
@@ -57,7 +60,7 @@ class Search(NamedTuple):
         return np.where(np.isfinite(found), found, np.inf)
 
 
-def chosen(candidates: Candidates, search: Search, rounds: int = 12, starts: int = 6) -> list[int]:
+def best_selection(candidates: Candidates, search: Search, rounds: int = 12, starts: int = 6) -> list[int]:
     """The places of the candidates of the best plan found, in ascending order; some perhaps several times.
 
     **Arguments:** exchange begins with the greedy plan, and with plans whose first candidate is another one, in all
@@ -70,8 +73,8 @@ def chosen(candidates: Candidates, search: Search, rounds: int = 12, starts: int
         least = float(search.criterion(_known(candidates, search, plan)))
         for _ in range(rounds):
             before = least
-            plan, least = _exchanged(candidates, search, plan, least)
-            plan, least = _exchanged_in_pairs(candidates, search, plan, least)
+            plan, least = _exchange_singles(candidates, search, plan, least)
+            plan, least = _exchange_pairs(candidates, search, plan, least)
             if least >= before - 1e-9 * max(1.0, abs(before)):
                 break
         found.append((plan, least))
@@ -105,7 +108,7 @@ def _best_addition(candidates: Candidates, search: Search, plan: Sequence[int]) 
 
 
 def _greedy(candidates: Candidates, search: Search, plan: list[int]) -> list[int]:
-    """The `plan` with more candidates, which spend the budget evenly: each takes what those to come leave it."""
+    """The `plan` with more candidates; each takes an even share of what is left of the budget, where one does."""
     plan, records = list(plan), int(search.budget[1])
     while len(plan) < records:
         left = search.budget - candidates.takes[plan].sum(axis=0)
@@ -119,7 +122,7 @@ def _greedy(candidates: Candidates, search: Search, plan: list[int]) -> list[int
     return plan
 
 
-def _exchanged(candidates: Candidates, search: Search, plan: list[int], least: float) -> tuple[list[int], float]:
+def _exchange_singles(candidates: Candidates, search: Search, plan: list[int], least: float) -> tuple[list[int], float]:
     """The plan after each of its places was given to the best candidate, and one more added where there is room."""
     for place in range(len(plan)):
         others = plan[:place] + plan[place + 1 :]
@@ -133,22 +136,27 @@ def _exchanged(candidates: Candidates, search: Search, plan: list[int], least: f
     return plan, least
 
 
-def _exchanged_in_pairs(
-    candidates: Candidates, search: Search, plan: list[int], least: float
-) -> tuple[list[int], float]:
-    """The plan after pairs of places were given away: one to a candidate with at most three quarters of the samples,
-    or to the best one, the other then to the best."""
+def _exchange_pairs(candidates: Candidates, search: Search, plan: list[int], least: float) -> tuple[list[int], float]:
+    """The plan after two of its candidates at a time made room for two others.
+
+    The first of these is the best with at most `_SMALLER` of the samples of the one that it replaces, or else the best
+    of all; the second is the best beside it.
+    """
     sizes = candidates.takes[:, 0]
-    for first, second in itertools.permutations(range(len(plan)), 2):
+
+    def replacement(first: int, second: int) -> tuple[list[int], float] | None:
+        """A better plan without the candidates at these places; None where none was found."""
         others = [candidate for place, candidate in enumerate(plan) if place not in (first, second)]
-        for begun in (
-            _best_of(candidates, search, others, np.flatnonzero(sizes <= 0.75 * sizes[plan[first]])),
-            _best_addition(candidates, search, others),
-        ):
-            better = None if begun is None else _best_addition(candidates, search, [*others, begun[0]])
-            if begun is not None and better is not None and better[1] < least - 1e-12:
-                plan, least = [*others, begun[0], better[0]], better[1]
-                break
+        smaller = np.flatnonzero(sizes <= _SMALLER * sizes[plan[first]])
+        for one in (_best_of(candidates, search, others, smaller), _best_addition(candidates, search, others)):
+            other = None if one is None else _best_addition(candidates, search, [*others, one[0]])
+            if one is not None and other is not None and other[1] < least - 1e-12:
+                return [*others, one[0], other[0]], other[1]
+        return None
+
+    # A replacement moves the places of those that stay: each pair of places is tried once nevertheless.
+    for first, second in itertools.permutations(range(len(plan)), 2):
+        plan, least = replacement(first, second) or (plan, least)
     return plan, least
 
 
@@ -157,7 +165,7 @@ def promising(candidates: Candidates, search: Search, count: int) -> list[int]:
 
     They are ranked by what each is worth beside a first plan, within its class of samples, so that all sizes remain.
     """
-    plan = chosen(candidates, search, rounds=2, starts=1)
+    plan = best_selection(candidates, search, rounds=2, starts=1)
     known = _known(candidates, search, plan)
     scores = search.scores(known, candidates.information)
     sizes = candidates.takes[:, 0]

@@ -21,7 +21,7 @@ from ..drive.sawtooth import Sawtooth
 from ..inference import transform_of
 from ..study import Estimate, Study
 from .criteria import CRITERIA, AbstractCriterion, Combinations, Determinant, Discrimination, Prediction, Trace
-from .exchange import Candidates, Search, chosen, promising
+from .exchange import Candidates, Search, best_selection, promising
 from .experiments import CompleteLimits, Experiment, Limits, Resources, completed_limits, possible_experiments
 from .information import check_seen, inverse_of, least_squares_errors, unseen_combinations
 from .plan import Errors, Knowledge, Plan, PlannedRecord, knowledge_of, prior_information
@@ -196,7 +196,7 @@ class _Planning:
         self.report(f"choosing among {len(kept)} records under {len(points)} sets of parameters")
         everywhere = np.repeat(prior[None], len(points), axis=0)
         search = Search(self._criterion(points), everywhere, self.budget.amounts)
-        plan = [kept[i] for i in chosen(self._candidates(kept, range(len(points))), search)]
+        plan = [kept[i] for i in best_selection(self._candidates(kept, range(len(points))), search)]
         if refine:
             plan = refined(Refinement(survey, search, points, self.takes, self.report), plan)
         self.report("computing what the plan promises")

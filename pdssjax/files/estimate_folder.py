@@ -63,10 +63,10 @@ def _estimate(document: Document, file: Path) -> Estimate:
     # What is left stands in the document as in the estimate; an earlier version did not write all of it.
     kinds = get_type_hints(Estimate)
     left = {key: document[key] for key in kinds if key in document and key not in found}
-    return Estimate(**found, **{key: _read(kinds[key], entry) for key, entry in left.items()})
+    return Estimate(**found, **{key: _decoded(kinds[key], entry) for key, entry in left.items()})
 
 
-def _read(kind: Entry, entry: Entry, missing: float = math.nan) -> Entry:
+def _decoded(kind: Entry, entry: Entry, missing: float = math.nan) -> Entry:
     """A value of the document as the type `kind`, an annotation of a result's field; `missing` is for null.
 
     **Raises:** `KeyError`, `TypeError` or `ValueError` where it is not of that type.
@@ -74,21 +74,21 @@ def _read(kind: Entry, entry: Entry, missing: float = math.nan) -> Entry:
     inner = get_args(kind)
     origin = get_origin(kind) or kind
     if origin is types.UnionType and types.NoneType in inner:
-        return None if entry is None else _read(inner[0], entry, missing)
+        return None if entry is None else _decoded(inner[0], entry, missing)
     if origin is float:
         return missing if entry is None else float(entry)
     if origin is Literal and entry not in inner:
         raise ValueError(repr(entry))
     if origin is tuple:
         kinds = inner[:1] * len(entry) if inner[-1] is ... else inner
-        return tuple(_read(each, value, missing) for each, value in zip(kinds, entry, strict=True))
+        return tuple(_decoded(each, value, missing) for each, value in zip(kinds, entry, strict=True))
     if isinstance(entry, dict) and len(inner) == 2:
-        return {key: _read(inner[1], value, missing) for key, value in entry.items()}
+        return {key: _decoded(inner[1], value, missing) for key, value in entry.items()}
     if isinstance(kind, type) and issubclass(kind, AbstractArray):
         return _numbers(entry, missing)
     if isinstance(entry, dict):
         kinds, null = get_type_hints(kind), lambda key: math.inf if (kind, key) in _INFINITE else math.nan
-        return kind(**{key: _read(kinds[key], entry[key], null(key)) for key in entry})
+        return kind(**{key: _decoded(kinds[key], entry[key], null(key)) for key in entry})
     return entry
 
 
@@ -109,7 +109,7 @@ def _parameter(path: str, entry: Document) -> FittedParameter:
     fields = {renamed.get(key, key): value for key, value in entry.items() if key != "interval_at_bound"}
     low, high = fields.pop("bounds", (None, None))
     bounds = (-math.inf if low is None else low, math.inf if high is None else high)
-    return _read(FittedParameter, {"path": path, "bounds": bounds, **fields})
+    return _decoded(FittedParameter, {"path": path, "bounds": bounds, **fields})
 
 
 def _record(entry: Document, file: Path) -> FittedRecord:
@@ -118,7 +118,7 @@ def _record(entry: Document, file: Path) -> FittedRecord:
     words = {key: entry.get(key, next(iter(options))) for key, options in choices(kind).items()}
     measurement = kind(**{key: choices(kind)[key][word] for key, word in words.items()})
     kinds = get_type_hints(FittedRecord)
-    fields = {key: _read(kinds[key], entry[key]) for key in kinds if key in entry and key != "outliers"}
+    fields = {key: _decoded(kinds[key], entry[key]) for key in kinds if key in entry and key != "outliers"}
     none = np.zeros(0)
     record = FittedRecord(
         **fields,
@@ -166,7 +166,7 @@ def _draws(entry: Document, file: Path) -> Draws:
         values = values[:, [found.index(name) for name in names]].reshape(*shape, len(names))
     except (InputError, ValueError):
         values = np.zeros((*shape, 0))
-    parameters = tuple(_read(ParameterDraws, {"path": path, **drawn}) for path, drawn in entry["parameters"].items())
+    parameters = tuple(_decoded(ParameterDraws, {"path": path, **drawn}) for path, drawn in entry["parameters"].items())
     keys = "kind description failed failure seed".split()
     return Draws(names=names, values=values, parameters=parameters, **{key: entry[key] for key in keys})
 

@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 SWEEP_STORE = "points.zarr"
 """Name of the store, in the folder of a sweep's results."""
 
-PENDING, DONE, FAILED = 0, 1, 2
+PENDING, DONE = 0, 1
 """Status of a block."""
 
-_REASON, _DIGEST = 200, 32
-"""Bytes of a block's array that say why it failed; bytes of its digest."""
+_DIGEST = 32
+"""Bytes of a block's digest."""
 
 Group: TypeAlias = Any
 """A `zarr.Group`; zarr is loaded where it is used, and need not be installed."""
@@ -127,13 +127,6 @@ class SweepStore(AbstractBlockStore):
                 rows[part] = array[part]
         return rows
 
-    def fail(self, number: int, reason: str) -> None:
-        padded = np.zeros(_REASON, np.uint8)
-        text = reason.encode()[:_REASON]
-        padded[: len(text)] = np.frombuffer(text, np.uint8)
-        self._group["reason"][number] = padded
-        self._group["status"][number] = FAILED
-
     def read(self) -> Float[np.ndarray, "points columns"]:
         rows, damaged = self._read_verified()
         missing = self._status() != DONE
@@ -147,12 +140,6 @@ class SweepStore(AbstractBlockStore):
     def _status(self) -> Int[np.ndarray, " blocks"]:
         # An extension that was interrupted leaves room at the end.
         return self._read_array("status", self._plan.blocks, 1, PENDING)
-
-    def reasons(self) -> dict[int, str]:
-        """Why blocks failed, by their number."""
-        failed = np.flatnonzero(self._status() == FAILED)
-        text = lambda row: bytes(row).rstrip(b"\0").decode(errors="replace")
-        return {int(number): text(self._group["reason"][number]) for number in failed}
 
 
 def _name_blocks(blocks: set[int]) -> str:
@@ -229,7 +216,6 @@ def _arrays(columns: int, plan: BlockPlan) -> dict[str, _Array]:
     return {
         "found": _Array((points, columns), (plan.lanes, columns), "float64", np.nan, ("point", "column")),
         "status": _Array((plan.blocks,), (1,), "uint8", PENDING, ("block",)),
-        "reason": _Array((plan.blocks, _REASON), (1, _REASON), "uint8", 0, ("block", "byte")),
         "digest": _Array((plan.blocks, _DIGEST), (1, _DIGEST), "uint8", 0, ("block", "byte")),
         "values": _Array((points, paths), whole, "float64", np.nan, ("point", "path")),
         "order": _Array((points,), whole[:1], "int64", 0, ("point",)),

@@ -109,25 +109,27 @@ def sample_autocovariance(values: Samples, positions: Int[np.ndarray, " n"], lag
     return np.pad(mean * (1.0 - apart / length), (0, lags - apart.size))
 
 
-def stationary_noise(values: Samples, positions: Int[np.ndarray, " n"], freedom: float, most: int) -> StationaryNoise:
+def stationary_noise(
+    values: Samples, positions: Int[np.ndarray, " n"], freedom: float, max_order: int
+) -> StationaryNoise:
     """Fit stationary noise about zero to `values`; NaN is left out.
 
     **Arguments:** `freedom`, the degrees of freedom that a fit has left of the samples: variances grow by their ratio;
-    `most`, the highest order looked at.
+    `max_order`, the highest order looked at.
     """
     there = np.isfinite(values)
     samples = int(np.sum(there))
-    most = max(min(most, int(10.0 * np.log10(max(samples, 2))), samples // 8), 0)
+    max_order = max(min(max_order, int(10.0 * np.log10(max(samples, 2))), samples // 8), 0)
     # With scattered gaps autocovariances are not positive definite, and high orders follow their errors.
     if np.sum(np.diff(positions[there]) == 1) < 0.9 * samples:
-        most = min(most, 1)
-    c = sample_autocovariance(values, positions, most + 1) * samples / max(freedom, 1.0)
+        max_order = min(max_order, 1)
+    c = sample_autocovariance(values, positions, max_order + 1) * samples / max(freedom, 1.0)
     if c[0] <= 0.0:
         return StationaryNoise(np.zeros(0), 0.0)
     a, variance = np.zeros(0), float(c[0])
     best = (freedom * np.log(variance), StationaryNoise(a, variance))
     price = 2.0 * np.log(np.log(max(freedom, 3.0)))
-    for order in range(1, most + 1):
+    for order in range(1, max_order + 1):
         reflection = (c[order] - a @ c[order - 1 : 0 : -1]) / variance
         if abs(reflection) >= 1.0:  # possible where samples are missing
             break
@@ -228,18 +230,18 @@ Noise: TypeAlias = StationaryNoise | NoiseInTime
 """Noise of a record: `StationaryNoise` for samples on an even grid, `NoiseInTime` for samples at any times."""
 
 
-def noise_at(time: Samples, values: Samples, freedom: float, most: int) -> Noise:
+def noise_at(time: Samples, values: Samples, freedom: float, max_order: int) -> Noise:
     """The noise that `values` at `time` [s] are a sample of, about zero; NaN is left out.
 
-    **Arguments:** as of `stationary_noise`; the highest order, `most`, is that on an even grid.
+    **Arguments:** as of `stationary_noise`; the highest order, `max_order`, is that on an even grid.
     """
     places = grid_positions(time)
     if places is None:
         return noise_in_time(values, time, freedom)
-    return stationary_noise(values, places, freedom, most)
+    return stationary_noise(values, places, freedom, max_order)
 
 
-_PARTS, _IN_PART = 20, 8.0
+_MOST_PARTS, _LEAST_IN_PART = 20, 8.0
 """Parts at most in which the power of noise is compared, and independent samples in each at least."""
 
 
@@ -255,7 +257,7 @@ def unevenness(values: Samples, time: Samples) -> float:
     there = np.isfinite(values)
     noise = noise_at(time, values, float(np.sum(there)), values.size)
     share = noise.independent_share(time[there])
-    count = int(min(_PARTS, share * np.sum(there) / _IN_PART))
+    count = int(min(_MOST_PARTS, share * np.sum(there) / _LEAST_IN_PART))
     if count < 3:
         return np.inf if noise.order else 0.0
     parts = [part[np.isfinite(part)] for part in np.array_split(values, count)]
@@ -281,7 +283,7 @@ def noise_in_time(values: Samples, time: Samples, freedom: float) -> NoiseInTime
     size = float(np.mean(values**2)) if values.size else 0.0
     grown = values.size / max(freedom, 1.0)
     best, least = NoiseInTime(size * grown), 0.0
-    # Of fewer samples no colour is told.
+    # Fewer samples do not show a correlation.
     if values.size < 16 or size <= 0.0:
         return best
     # A long record in stretches, in each of which the filter begins anew; eight of them tell enough.
@@ -295,6 +297,7 @@ def noise_in_time(values: Samples, time: Samples, freedom: float) -> NoiseInTime
     price = 2.0 * np.log(np.log(max(freedom, 3.0)))
     for turns in ((0.0,), (1.0, 3.0, 9.0)):
         numbers = _minimise_deviance(judge, float(np.median(np.diff(time))), float(np.ptp(time)), turns)
+        # As many at once as the search judges, so that nothing is compiled for this one.
         deviance, level = (float(found[0]) for found in judge(np.tile(numbers, (3**3, 1))))
         odds, duration, turn = map(float, numbers)
         found = NoiseInTime(size * grown * level, odds / (1.0 + odds), duration, turn / duration, -deviance / part)

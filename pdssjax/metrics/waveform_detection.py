@@ -42,7 +42,7 @@ _FLICKERS = 1.5
 _UNDER_WAY = 0.1
 """Least distance from a rest that the voltage has surely left, as a fraction of the voltage."""
 
-_TOLD = 1e-3
+_NEGLIGIBLE_BOUND = 1e-3
 """Largest relative bound (two standard errors) of the frequency that is not mentioned."""
 
 
@@ -128,7 +128,7 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
             located = (1.5 if simplest.uncertain else LOCATED) * interval
             located = located if simplest.timing is None else min(located, simplest.timing.within)
             within = 2.0 * simplest.frequency_error
-            said = () if within < _TOLD else (f"frequency: within {100 * within:.2g} %",)
+            said = () if within < _NEGLIGIBLE_BOUND else (f"frequency: within {100 * within:.2g} %",)
             found = dataclasses.replace(simplest, uncertain=simplest.uncertain + said, start=simplest.start + first)
             return begun(found, time, rests, 1.5 * interval, located)
     start = float(time[0]) if rests is None else _before_onset(time, volts, rests)

@@ -151,7 +151,7 @@ def composed_class(composition: Composition) -> type[ComposedModel]:
 
 
 def _mass(stack: ComposedModel) -> Scalar:
-    """Moving mass [kg] that a force accelerates at first; infinite where none moves the platform."""
+    """Effective mass that a force on the platform accelerates [kg]; infinite where no force moves it."""
     return stack.dynamics.mass()
 
 

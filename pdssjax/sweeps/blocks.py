@@ -104,10 +104,6 @@ class AbstractBlockStore(abc.ABC):
     def keep(self, number: int, found: Float[np.ndarray, "points columns"]) -> None:
         """Keep what was found at the points of block `number`, one row each: the metrics in SI, then the failure."""
 
-    @abc.abstractmethod
-    def fail(self, number: int, reason: str) -> None:
-        """Notes that block `number` could not be computed, and why."""
-
     def close(self) -> None:
         """Give back what `open` has taken, such as a lock; what is kept stays."""
         return None
@@ -126,9 +122,6 @@ class MemoryStore(AbstractBlockStore):
 
     def keep(self, number: int, found: Float[np.ndarray, "points columns"]) -> None:
         self._found[self._plan.place(number)] = found
-
-    def fail(self, number: int, reason: str) -> None:
-        self._found[self._plan.place(number)] = blank(1, self._found.shape[1])
 
     def read(self) -> Float[np.ndarray, "points columns"]:
         return self._found

@@ -57,8 +57,8 @@ COVERED = 0.95
 NORMAL = 1.959964
 """Half the width of the band of a normal distribution, in standard deviations."""
 
-STRAIGHT = 0.04
-"""What first order may miss of the variance where it is said to hold, as a part of it."""
+MOST_CURVATURE = 0.04
+"""Largest share of the variance that first order may miss where it is said to hold."""
 
 _KINDS = {
     "": "",
@@ -72,13 +72,14 @@ _KINDS = {
 def with_bands(data: "xarray.Dataset") -> "xarray.Dataset":
     """`data` of a sweep over draws or sigma points without that dimension: each metric with its band.
 
-    **Arguments:** `data` has the dimension "draw" of `CovarianceDraws` or "sigma_point" of `SigmaPoints`.
+      **Arguments:** `data` has the dimension "draw" of `CovarianceDraws` or "sigma_point" of `SigmaPoints`.
 
-    **Returns:** for every metric its value (the mean of the draws, or that at the estimate), `METRIC_sd`,
-    `METRIC_low` and `METRIC_high`; `failure`, of a point that failed; and to first order
-    `METRIC_straight`, 1 where that holds.  A point that failed is left out of draws; of sigma points it leaves none.
+      **Returns:** for every metric its value (the mean of the draws, or that at the estimate), `METRIC_sd`,
+      `METRIC_low` and `METRIC_high`; `failure`, of a point that failed; and to first order
+      `METRIC_straight`, 1 where that holds.  A draw that failed is left out; a sigma point that failed leaves no
+    band.
 
-    **Raises:** `ValueError` for a dataset with neither dimension.
+      **Raises:** `ValueError` for a dataset with neither dimension.
     """
     dimension = next((name for name in ("draw", "sigma_point") if name in data.dims), None)
     if dimension is None:
@@ -91,11 +92,11 @@ def with_bands(data: "xarray.Dataset") -> "xarray.Dataset":
     failed = kept.failure.where(kept.failure != GRAZING, 0).max(dimension, keep_attrs=True)
     found["failure"] = failed.where(failed > 0, kept.failure.max(dimension))
     for name in [str(name) for name in kept.data_vars if name != "failure"]:
-        told = kept[name].attrs
+        attributes = kept[name].attrs
         for kind, values in bands(kept[name], dimension).items():
-            unit = "1" if kind == "straight" else told["units"]
-            says = f"{_KINDS[kind]} {told['long_name']}".strip()
-            found[f"{name}_{kind}".strip("_")] = values.assign_attrs(units=unit, long_name=says)
+            unit = "1" if kind == "straight" else attributes["units"]
+            long_name = f"{_KINDS[kind]} {attributes['long_name']}".strip()
+            found[f"{name}_{kind}".strip("_")] = values.assign_attrs(units=unit, long_name=long_name)
     return found.assign_attrs(bands="draws" if dimension == "draw" else "first order")
 
 
@@ -107,15 +108,16 @@ def _bands_of_draws(values: "xarray.DataArray", dimension: str) -> dict[str, "xa
 
 
 def _of_sigma_points(values: "xarray.DataArray", dimension: str) -> dict[str, "xarray.DataArray"]:
+    # In the order of `SigmaPoints`: the estimate, then pairs, on each axis first, and then in random directions.
     middle = values.isel({dimension: 0}, drop=True)
     up = values.isel({dimension: slice(1, None, 2)})
     down = values.isel({dimension: slice(2, None, 2)})
-    axes, far = slice(None, up.sizes[dimension] // 2), slice(up.sizes[dimension] // 2, None)
+    axes, directions = slice(None, up.sizes[dimension] // 2), slice(up.sizes[dimension] // 2, None)
     odd, even = (up - down) / 2.0, (up + down) / 2.0 - middle
     variance = ((odd.isel({dimension: axes}) / STEP) ** 2).sum(dimension, skipna=False)
     # Apart, since one may hide the other: what bends both ways is missed by both.
-    found = [(part.isel({dimension: far}) ** 2).mean(dimension, skipna=False) for part in (odd, even)]
-    straight = (abs(found[0] - variance) + found[1] <= STRAIGHT * variance).astype(float)
+    linear, curved = ((part.isel({dimension: directions}) ** 2).mean(dimension, skipna=False) for part in (odd, even))
+    straight = (abs(linear - variance) + curved <= MOST_CURVATURE * variance).astype(float)
     sd = variance**0.5
     return {"": middle, "sd": sd, "low": middle - NORMAL * sd, "high": middle + NORMAL * sd, "straight": straight}
 
@@ -143,12 +145,12 @@ def compared_directions(data: "xarray.Dataset") -> "xarray.Dataset":
     along = lambda name: backward[name] if name == "efficiency" else -backward[name]
     found = forward.drop_vars(list(forward.data_vars))
     for name in COMPARED:
-        told = data[name].attrs
+        attributes = data[name].attrs
         difference = forward[name] - along(name)
-        says = f"forward less backward: {told['long_name']}"
-        found[f"{name}_difference"] = difference.assign_attrs(units=told["units"], long_name=says)
+        long_name = f"forward less backward: {attributes['long_name']}"
+        found[f"{name}_difference"] = difference.assign_attrs(units=attributes["units"], long_name=long_name)
     ahead, back = forward["speed"], along("speed")
     mean = 0.5 * (abs(ahead) + abs(back))
-    says = "speed forward less backward, by the mean of their magnitudes"
-    found["asymmetry"] = ((ahead - back) / mean.where(mean > 0)).assign_attrs(units="1", long_name=says)
+    long_name = "speed forward less backward, by the mean of their magnitudes"
+    found["asymmetry"] = ((ahead - back) / mean.where(mean > 0)).assign_attrs(units="1", long_name=long_name)
     return found

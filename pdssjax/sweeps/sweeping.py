@@ -213,7 +213,12 @@ def _keep_blocks(
             # What fails at the first block would at every other one: it is no matter of the points.
             if not kept:
                 raise
-            store.fail(number, f"{type(error).__name__}: {error}")
+            warnings.warn(
+                f"sweep: found that a block of {size(number)} points cannot be computed ({type(error).__name__}: "
+                f"{error}); its points have no value, and a sweep that is resumed tries them again.",
+                InputWarning,
+                stacklevel=3,
+            )
         else:
             store.keep(number, rows)
             kept += 1

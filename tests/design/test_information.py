@@ -9,7 +9,7 @@ from scipy.linalg import block_diag, solve_triangular
 from pdssjax import InputError
 from pdssjax.design import Noise, record_information
 from pdssjax.design.criteria import Combinations, Determinant, Discrimination, Trace
-from pdssjax.design.exchange import Candidates, Search, chosen, promising
+from pdssjax.design.exchange import Candidates, Search, best_selection, promising
 from pdssjax.design.information import check_seen, inverse_of, least_squares_errors, unseen_combinations, whitened
 
 RANDOM = np.random.default_rng(4)
@@ -126,7 +126,7 @@ def search(criterion, count, size, prior=0.0):
 def test_a_line_is_measured_at_its_ends():
     """y = a + b t on -1..1: half of the samples at each end are D-optimal."""
     times = np.linspace(-1.0, 1.0, 21)
-    plan = chosen(of_rows(np.column_stack([np.ones(21), times])), search(Determinant(), 6, 2))
+    plan = best_selection(of_rows(np.column_stack([np.ones(21), times])), search(Determinant(), 6, 2))
     assert plan == [0, 0, 0, 20, 20, 20]
 
 
@@ -139,7 +139,7 @@ def test_exchange_finds_the_best_of_all_selections(criterion, seed):
         float(criterion(asked.prior + candidates.information[list(some)].sum(axis=0)))
         for some in itertools.combinations_with_replacement(range(9), 4)
     )
-    found = chosen(candidates, asked)
+    found = best_selection(candidates, asked)
     assert float(criterion(asked.prior + candidates.information[found].sum(axis=0))) == pytest.approx(best, abs=1e-9)
 
 
@@ -150,7 +150,7 @@ def test_the_budget_holds_for_every_resource():
     takes = np.column_stack([sizes, np.ones(30), 0.1 * sizes, 1.0 + 0.2 * sizes])
     candidates = Candidates(candidates.information * sizes[:, None, None, None], takes)
     asked = Search(Determinant(), np.zeros((1, 2, 2)), np.array([20.0, 5.0, 1.7, 8.5]))
-    plan = chosen(candidates, asked)
+    plan = best_selection(candidates, asked)
     assert np.all(takes[plan].sum(axis=0) <= asked.budget + 1e-9)
     assert len(plan) >= 3
 
@@ -161,7 +161,7 @@ def test_the_mean_over_draws_counts():
     information[:, :, 0, 0] = [[10.0, 0.01], [0.01, 10.0], [4.0, 4.0]]
     candidates = Candidates(information, np.tile(RESOURCES, (3, 1)))
     asked = Search(Determinant(), np.zeros((2, 1, 1)), np.array([1.0, 1.0, np.inf, np.inf]))
-    assert chosen(candidates, asked) == [2]
+    assert best_selection(candidates, asked) == [2]
 
 
 def test_promising_candidates_hold_the_best_plan():

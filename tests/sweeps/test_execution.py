@@ -10,7 +10,7 @@ import pytest
 from quick_blocks import found_at, quick as quick, study as study
 
 import pdssjax
-from pdssjax import Accuracy, InputError, OneStep
+from pdssjax import Accuracy, InputError, InputWarning, OneStep
 from pdssjax.sweeps import POINT_FAILURES, Grid, execution, plan_sweep
 from pdssjax.sweeps.execution import differences, job_document, job_text, point_function
 
@@ -86,7 +86,8 @@ def test_a_block_that_cannot_be_computed_is_nan_and_says_so(study, quick, monkey
         return found_at(points)
 
     monkeypatch.setattr(execution, "compute_block", compute_block)
-    data = pdssjax.sweep(study, OVER)
+    with pytest.warns(InputWarning, match="MemoryError: no room"):
+        data = pdssjax.sweep(study, OVER)
     failed = data.failure.values == POINT_FAILURES.index("its block of points could not be computed")
     assert 0 < failed.sum() <= 128 and np.isnan(data.net_step.values[failed]).all()
     assert np.isfinite(data.net_step.values[~failed]).all()
