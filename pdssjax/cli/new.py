@@ -108,13 +108,14 @@ def _warn(records: Sequence["NewRecord"], rig: "RigOptions") -> None:
         gain = gain_of(guess)
         if gain > _MOST_GAIN:
             said.append(
-                f"{file}: found {1e6 * gain:.3g} um/V, more than a stack moves; of a voltage before its amplifier say "
-                "--scale voltage=20 or so, of a sensor's millivolts --unit displacement=mV beside its scale"
+                f"{file}: found {1e6 * gain:.3g} um/V, more than a stack moves. If the voltage was recorded before the "
+                "amplifier, add --scale voltage=20 or so; if the motion is in a sensor's millivolts, add "
+                "--unit displacement=mV and its --scale"
             )
         elif volts := _before_an_amplifier(record, gain):
             said.append(
-                f"{file}: found {volts} at most, as a monitor or a command of an amplifier has, "
-                "and a study wants the voltage at the piezo: of a monitor 1:20 say --scale voltage=20"
+                f"{file}: found {volts} at most, as a monitor or a command of an amplifier has. A study wants the "
+                "voltage at the piezo: for a monitor of 1:20 add --scale voltage=20"
             )
         said += [f"{file}: found {what}" for what in _describe_implausible(record)]
         if gain < _LEAST_GAIN:

@@ -106,7 +106,7 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, se
     a rest before the record may be.
 
     **Raises:** `InputError` if the table or the file is at fault, or if the record's clock cannot
-    meet its drive.  Warns with `InputWarning` if the times look like milliseconds or end before
+    meet its drive.  Warns with `InputWarning` if the times seem to have another unit or end before
     the first period.
     """
     kinds = {kind: member(_FAMILY, kind) for kind in members(_FAMILY)}
@@ -278,8 +278,8 @@ def _warn(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:
     # A thousand times too long, a record has too few samples or too many periods to be true.
     if interval >= period / 2 or length >= 1000 * period:
         warnings.warn(
-            f"{where}: the times look like milliseconds: found samples {interval:g} s apart over {length:g} s, "
-            f"expected many in {period:g} s. [record.units] or the column's name tells their unit.",
+            f"{where}: the times seem to have another unit, such as milliseconds: found samples {interval:g} s "
+            f"apart over {length:g} s, expected many in {period:g} s. [record.units] or the column's name tells their unit.",
             InputWarning,
             stacklevel=2,
         )

@@ -137,7 +137,7 @@ def test_study_without_records_is_legal(tmp_path):
     ("name", "text"), [("walk", csv(1.0, 5000)), ("walk", csv(0.05, 5000)), ("step", csv(0.05, 800))]
 )
 def test_times_that_look_like_milliseconds_warn(tmp_path, name, text):
-    with pytest.warns(InputWarning, match=rf'{name}\.csv: record "{name}": the times look like milliseconds'):
+    with pytest.warns(InputWarning, match=rf'{name}\.csv: record "{name}": the times seem to have another unit'):
         load_study(write_study(tmp_path, **{name: text}))
 
 
