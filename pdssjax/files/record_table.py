@@ -279,7 +279,8 @@ def _warn(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:
     if interval >= period / 2 or length >= 1000 * period:
         warnings.warn(
             f"{where}: the times seem to have another unit, such as milliseconds: found samples {interval:g} s "
-            f"apart over {length:g} s, expected many in {period:g} s. [record.units] or the column's name tells their unit.",
+            f"apart over {length:g} s, expected many in {period:g} s. [record.units] or the column's name tells their "
+            "unit.",
             InputWarning,
             stacklevel=2,
         )

@@ -314,7 +314,7 @@ def test_the_command_makes_a_study_with_figures(tmp_path, capsys):
 
 def test_what_should_not_be_overlooked_is_said(tmp_path, capsys, monkeypatch):
     (tmp_path / "loops.csv").write_text(hysteresis(cycles=3))
-    monkeypatch.setattr("pdssjax.cli.new.MANY", 500)
+    monkeypatch.setattr("pdssjax.cli.new._MANY_SAMPLES", 500)
     assert cli.main(["new", str(tmp_path / "rig"), "--files", str(tmp_path / "loops.csv")]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2 and "600 samples make a slow fit" in lines[0]
