@@ -15,7 +15,7 @@ from .taylor_series import Series
 from .traced_arithmetic import choose, plus, times
 
 Guards: TypeAlias = Float[Array, " guards"]
-"""One number a guard: the guards are looked at side by side."""
+"""One number for each guard: all of them are examined at once, as one vector."""
 
 Place: TypeAlias = tuple[Guards, Guards, Guards]
 """A time [s], and the value and the slope [1/s] that each guard has there."""
@@ -24,26 +24,26 @@ LOOK_AHEAD = 1e-9
 """Time [s] by which a tie is broken: far below every time constant.  What a guard does within it is rounding."""
 
 _SAMPLES = 6
-"""Points of a step at which the sign of the guard is looked at."""
+"""Intervals of a step at whose ends the sign of the guard is examined."""
 
 _ITERATIONS = 3
 """Iterations that locate an event within its bracket, to rounding, but where a guard is nearly flat."""
 
 _ROUNDING = 1e-12
-"""A guard that begins no higher than this part of how deep it is at the first sample, and hardly rises on the way to
-its root, falls at once: what rounding alone decides has no time of its own."""
+"""A guard falls at once if its first value is no more than this part of its depth at the first sample, and it hardly
+rises before its root: the time of such an event would be decided by rounding."""
 
 _RISES = 1e3
-"""Times that: what halfway to the root is higher does rise."""
+"""Multiple of that rounding above which the guard halfway to the root counts as having risen."""
 
 _LOCATED = 1e-8
-"""A root whose last iteration moved it by no more of the step is located to rounding."""
+"""A root counts as located to rounding if its last iteration moved it by no more than this part of the step."""
 
 _ADVANCE = 1e-5
-"""A step that ends before an event which is not located is at least so much of what it could be."""
+"""Least part of a step that is kept where its event could not be located."""
 
 _CUBIC = 5
-"""Iterations of their first guess, by values and slopes at the ends of the bracket alone."""
+"""Iterations for the first guess, the root of the cubic through values and slopes at the ends of the bracket."""
 
 
 def first_crossing(guards: tuple[Series, ...], size: int, step_size: Scalar) -> tuple[Scalar, Truth, Scalar]:
@@ -60,9 +60,9 @@ def first_crossing(guards: tuple[Series, ...], size: int, step_size: Scalar) -> 
     """
     if not guards:
         return step_size, jnp.zeros((), bool), jnp.zeros(())
-    # Side by side: one kernel for all guards, and half the code to compile.
-    sides = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
-    crossings = _crossing(_Divided(sides), step_size)
+    # As one vector: one kernel for all guards, and half the code to compile.
+    coefficients = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
+    crossings = _crossing(_Deflated(coefficients), step_size)
     distances = jnp.abs(crossings)
     first = distances.min()
     falls = first <= step_size
@@ -70,11 +70,11 @@ def first_crossing(guards: tuple[Series, ...], size: int, step_size: Scalar) -> 
     return end, falls & ~((crossings == -first) & (crossings < 0.0)).any(), jnp.argmin(distances) * 1.0
 
 
-class _Divided:
-    """Guards over the powers of the time that are divided out.
+class _Deflated:
+    """Guards with their roots at the start of the step divided out, a power of the time for each.
 
-    Horner's scheme gives them without a division: one rung above its lowest stands the polynomial without its
-    lowest coefficient, over the time.
+    Horner's scheme gives them without a division: its second rung is the polynomial without its lowest coefficient,
+    divided by the time.
     """
 
     def __init__(self, coefficients: Sequence[Guards]):
@@ -87,30 +87,25 @@ class _Divided:
         self._bends = short & ~self._rises & (thrice > 0.0) & (once + soon * (twice + soon * thrice) > 0.0)
 
     def _of(self, rungs: Sequence[Guards]) -> Guards:
-        """The coefficient that is left once a root at 0, of order 0 to 3, is divided out."""
+        """The rung for the order of each guard's root at 0, which is 0 to 3."""
         none, once, twice, thrice = rungs[:4]
         return choose(self._bends, thrice, choose(self._rises, twice, choose(self.begins_at_zero, once, none)))
 
     def coefficient(self, k: int) -> Guards:
-        """The lowest ones, k up to 2."""
+        """Coefficient k, up to 2."""
         return self._of(self._coefficients[k:])
 
     def value(self, time: Guards) -> Guards:
         """Values at a `time`."""
-        return self._expansion(time, 1)[0]
+        return self.expansion(time, 1)[0]
 
-    def at(self, time: Guards) -> tuple[Guards, Guards]:
-        """Value and slope at a `time`."""
-        value, slope = self._expansion(time, 2)
+    def value_and_slope(self, time: Guards) -> tuple[Guards, Guards]:
+        """Values and slopes at a `time`."""
+        value, slope = self.expansion(time, 2)
         return value, slope
 
-    def parabola(self, time: Guards) -> tuple[Guards, Guards, Guards]:
-        """Value, slope and half the second derivative at a `time`."""
-        value, slope, half_bend = self._expansion(time, 3)
-        return value, slope, half_bend
-
-    def _expansion(self, time: Guards, count: int) -> list[Guards]:
-        """So many coefficients of the polynomial in the time since `time`."""
+    def expansion(self, time: Guards, count: int) -> list[Guards]:
+        """Value, slope and half the second derivative at a `time`: the first `count` of them."""
         rungs, found = self._coefficients, []
         for _ in range(count):
             rungs = _ladder(rungs, time)
@@ -127,17 +122,16 @@ def _ladder(coefficients: Sequence[Guards], time: Guards) -> list[Guards]:
     return rungs[::-1]
 
 
-def _crossing(g: _Divided, step_size: Scalar) -> Guards:
-    """The first root [s] within the step, or infinity; where it is not located, a time before it, the sign reversed.
+def _crossing(g: _Deflated, step_size: Scalar) -> Guards:
+    """The first root [s] within the step, or infinity; where it is not located, minus a time before it.
 
-    It is bracketed by samples; then Newton's method, kept within the bracket.
+    Samples bracket the root, and Newton's method, kept within the bracket, finds it.
     A guard may also dip below zero between two samples and come back.  It then has a minimum there,
     and the root lies before it, about where the parabola through the minimum crosses zero.
     """
     value, rate, bend = (g.coefficient(k) for k in range(3))
     samples = [jnp.full_like(value, i / _SAMPLES) * step_size for i in range(_SAMPLES + 1)]
-    place: Callable[[Guards], Place] = lambda at: (at, *g.at(at))
-    places = [(samples[0], value, rate), *map(place, samples[1:])]
+    places = [(samples[0], value, rate), *((time, *g.value_and_slope(time)) for time in samples[1:])]
     found, ends, dips, dip = _bracket(places)
     # A root may also lie on a sample; then it is found there.
     bottom, half_bend = _minimum(g, *dip)
@@ -147,14 +141,14 @@ def _crossing(g: _Divided, step_size: Scalar) -> Guards:
     (low, _, _), (high, _, _) = ends
     low, high = choose(falls, dip[0][0], low), choose(falls, bottom, high)
     root = choose(falls, jnp.clip(parabola, low, high), _cubic_root(*ends))
-    # One that begins near zero without a slope, or rising, falls at once, as a parabola that samples are too far for.
+    # A guard that begins near zero, without a slope or rising, falls soon: samples are too coarse for its parabola.
     soon = _parabola_root(value, rate, bend)
     early = (soon > 0.0) & (2.0 * soon < samples[1]) & (g.value(2.0 * soon) < 0.0)
     found |= early
     nearer = (root > 2.0 * soon) | (jnp.abs(g.value(soon)) < jnp.abs(g.value(root)))
     low, high, root = choose(early, 0.0, low), choose(early, 2.0 * soon, high), choose(early & nearer, soon, root)
     begin = low
-    root, moved = _newton(g.at, root, low, high, _ITERATIONS)
+    root, moved = _newton(g.value_and_slope, root, low, high, _ITERATIONS)
     rounding = -_ROUNDING * places[1][1]
     rises = (value >= 0.0) & (g.value(0.5 * root) > _RISES * rounding)
     at_once = (rounding > 0.0) & (value <= rounding) & ~rises
@@ -167,10 +161,10 @@ def _crossing(g: _Divided, step_size: Scalar) -> Guards:
 def _bracket(
     places: Sequence[Place],
 ) -> tuple[Bool[Array, " guards"], tuple[Place, Place], Bool[Array, " guards"], tuple[Place, Place]]:
-    """The sample before the first at which the guard is negative, and that one.
+    """Whether a guard is negative at a sample, and the first interval that ends with such a sample.
 
-    And the first interval before it at whose ends the guard is positive but which may hide a dip below zero:
-    falling at its begin, rising at its end, and the two tangents meet below zero.
+    Then the same for an earlier interval that may hide a dip below zero: at its ends the guard is positive, it falls at
+    the first and rises at the second, and the two tangents meet below zero.
     """
     before = low = high = dip_low = dip_high = places[0]
     found = dips = jnp.zeros_like(before[0], bool)
@@ -210,9 +204,9 @@ def _parabola_root(value: Guards, rate: Guards, bend: Guards) -> Guards:
 def _newton(
     at: Callable[[Guards], tuple[Guards, Guards]], root: Guards, low: Guards, high: Guards, iterations: int
 ) -> tuple[Guards, Guards]:
-    """Where what has the value and slope `at` a time falls through zero between `low` and `high`.
+    """The root between `low` and `high` of a function that falls there, and how far the last iteration moved it.
 
-    And by how much the last of the iterations moved it.
+    **Arguments:** `at` gives value and slope at a time; `root` is the first guess.
     """
     # What a kernel computes twice may differ by rounding: at a root found, the bracket and the step may disagree.
     moved, slack = root, _ROUNDING * (high - low)
@@ -226,10 +220,10 @@ def _newton(
     return root, moved
 
 
-def _minimum(g: _Divided, low: Place, high: Place) -> tuple[Guards, Guards]:
+def _minimum(g: _Deflated, low: Place, high: Place) -> tuple[Guards, Guards]:
     """Where the slope rises through zero between the ends, and about half the second derivative there.
 
-    From the parabola that has its two ends' slopes, and under it what the guard falls.
+    The first guess takes the slope for the parabola with the slopes of the two ends and the guard's fall as integral.
     """
     (begin, value, rate), (end, value_end, rate_end) = low, high
     length = end - begin
@@ -239,7 +233,7 @@ def _minimum(g: _Divided, low: Place, high: Place) -> tuple[Guards, Guards]:
     denominator = half + jnp.sqrt(jnp.maximum(half * half - a * square, 0.0))
     u = -a / choose(denominator > 0.0, denominator, 1.0)
     near = begin + jnp.clip(u, 0.0, 1.0) * length
-    _, slope, half_bend = g.parabola(near)
+    _, slope, half_bend = g.expansion(near, 3)
     # Once is enough: an error e hides a dip no deeper than e^2 times the bend.
     return jnp.clip(near - slope / choose(half_bend > 0.0, 2.0 * half_bend, jnp.inf), begin, end), half_bend
 

@@ -1,9 +1,7 @@
-"""Polynomials in the time [s] since a step's begin, and through values at Chebyshev points.
+"""Polynomials in the time since a step began: their values, and the ones through values at Chebyshev points of [0, 1].
 
-Polynomials through values at Chebyshev points of [0, 1], by way of Chebyshev polynomials.
-
-Values give coefficients of Chebyshev polynomials without loss, and these, of which the powers have whole coefficients,
-those of the powers.  One matrix for both, or the inverse of a Vandermonde matrix, would lose digits.
+The way from values to powers leads through Chebyshev polynomials: values give their coefficients without loss of
+digits, and they have whole coefficients themselves.  The inverse of a Vandermonde matrix would lose digits.
 """
 
 from collections.abc import Sequence

@@ -34,7 +34,10 @@ class Coefficients(Protocol):
     def inner_products(self, other: Self, k: Order, weight: Weight | None = None) -> ScalarLike: ...
 
 
-Rule: TypeAlias = Callable[[Order, Coefficients, tuple[Coefficients, ...], tuple[ScalarLike, ...]], ScalarLike]
+Operands: TypeAlias = tuple[Coefficients, ...]
+Numbers: TypeAlias = tuple[ScalarLike, ...]
+
+Rule: TypeAlias = Callable[[Order, Coefficients, Operands, Numbers], ScalarLike]
 """(k, itself, operands, numbers) to coefficient k of the series `itself`; the integer 0 is known to vanish."""
 
 
@@ -43,9 +46,9 @@ class Series:
 
     __array_ufunc__ = None  # let numpy scalars on the left defer to the methods below
 
-    def __init__(self, rule: Rule, operands: "tuple[Series, ...]" = (), numbers: tuple[ScalarLike, ...] = ()):
+    def __init__(self, rule: Rule, operands: "tuple[Series, ...]" = (), numbers: Numbers = ()):
         self.rule = rule
-        self.operands: tuple[Series, ...] = operands
+        self.operands = operands
         self.numbers = numbers
         self._known: list[ScalarLike] = []
         self._products: dict[int, Series] = {}
@@ -187,64 +190,46 @@ def taylor_coefficients(
     return [[series[k] for k in range(order + 1)] for series in known]
 
 
-def polynomial_rule(
-    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
-) -> ScalarLike:
+def polynomial_rule(k: Order, itself: Coefficients, operands: Operands, numbers: Numbers) -> ScalarLike:
     return numbers[k] if k < len(numbers) else 0
 
 
-def unknown_rule(
-    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
-) -> ScalarLike:
+def unknown_rule(k: Order, itself: Coefficients, operands: Operands, numbers: Numbers) -> ScalarLike:
     raise IndexError(f"found no coefficient {k} of the solution yet, expected one below it")
 
 
-def sum_rule(
-    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
-) -> ScalarLike:
+def sum_rule(k: Order, itself: Coefficients, operands: Operands, numbers: Numbers) -> ScalarLike:
     x, y = operands
     return _plus(x[k], y[k])
 
 
-def shift_rule(
-    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
-) -> ScalarLike:
+def shift_rule(k: Order, itself: Coefficients, operands: Operands, numbers: Numbers) -> ScalarLike:
     return _plus(operands[0][k], numbers[0] if is_zero(k) else 0)
 
 
-def scale_rule(
-    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
-) -> ScalarLike:
+def scale_rule(k: Order, itself: Coefficients, operands: Operands, numbers: Numbers) -> ScalarLike:
     return _times(operands[0][k], numbers[0])
 
 
-def product_rule(
-    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
-) -> ScalarLike:
+def product_rule(k: Order, itself: Coefficients, operands: Operands, numbers: Numbers) -> ScalarLike:
     x, y = operands
     if is_zero(k):
         return _times(x[0], y[0])
     return total((_times(x[0], y[k]), x.inner_products(y, k), _times(x[k], y[0])))
 
 
-def quotient_rule(
-    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
-) -> ScalarLike:
+def quotient_rule(k: Order, itself: Coefficients, operands: Operands, numbers: Numbers) -> ScalarLike:
     x, y = operands
     known = 0 if is_zero(k) else _plus(_times(itself[0], y[k]), itself.inner_products(y, k))
     return _times(_plus(x[k], _times(known, -1.0)), 1.0 / y[0])
 
 
-def exp_rule(
-    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
-) -> ScalarLike:
+def exp_rule(k: Order, itself: Coefficients, operands: Operands, numbers: Numbers) -> ScalarLike:
     (x,) = operands
     return jnp.exp(jnp.asarray(x[0], float)) if is_zero(k) else _times(_slopes(k, x, itself), 1.0 / k)
 
 
-def power_rule(
-    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
-) -> ScalarLike:
+def power_rule(k: Order, itself: Coefficients, operands: Operands, numbers: Numbers) -> ScalarLike:
     (x,), (exponent,) = operands, numbers
     if is_zero(k):
         return jnp.exp(exponent * jnp.log(jnp.asarray(x[0], float)))
@@ -252,16 +237,12 @@ def power_rule(
     return _times(_plus(past, _times(_times(x[k], itself[0]), k * exponent)), 1.0 / (k * x[0]))
 
 
-def cosine_rule(
-    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
-) -> ScalarLike:
+def cosine_rule(k: Order, itself: Coefficients, operands: Operands, numbers: Numbers) -> ScalarLike:
     x, sine = operands
     return jnp.cos(jnp.asarray(x[0], float)) if is_zero(k) else _times(_slopes(k, x, sine), -1.0 / k)
 
 
-def sine_rule(
-    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
-) -> ScalarLike:
+def sine_rule(k: Order, itself: Coefficients, operands: Operands, numbers: Numbers) -> ScalarLike:
     x, cosine = operands
     return jnp.sin(jnp.asarray(x[0], float)) if is_zero(k) else _times(_slopes(k, x, cosine), 1.0 / k)
 
