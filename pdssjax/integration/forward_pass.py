@@ -1,6 +1,6 @@
 """The forward pass: every step of a run, found without derivatives.
 
-A bare `while_loop` on a handful of scalars.  It writes one row a step to a table; `sensitivities`
+A bare `while_loop` on a few scalars.  It writes one row for each step to a table; `sensitivities`
 expands the rows again, in value and in derivative.
 """
 
@@ -25,12 +25,6 @@ _BLOCK = 5
 Packed: TypeAlias = Float[Array, " scalars"]
 """A carry as one vector."""
 
-Filling: TypeAlias = tuple[Float[Array, " scalars"], Count, Float[Array, "block columns"]]
-"""Carry, rows of the block that are filled, the block."""
-
-Filled: TypeAlias = tuple[Float[Array, " scalars"], Table, Count]
-"""Carry, table, blocks of the table that are filled."""
-
 
 class StatesAtTimes(NamedTuple):
     """The result of an integration that kept no steps."""
@@ -45,7 +39,7 @@ class StatesAtTimes(NamedTuple):
 
 
 def empty_table(system: AbstractHybridSystem, accuracy: Accuracy) -> Table:
-    """A table with room for all steps that the `accuracy` allows, and none in it."""
+    """An empty table with room for all steps that the `accuracy` allows."""
     width = 2 + len(jax.tree.leaves(system.initial())) + KNOWN_COLUMNS
     return jnp.zeros((-(-(accuracy.max_steps + _BLOCK) // BLOCK) * BLOCK, width))
 
@@ -53,9 +47,9 @@ def empty_table(system: AbstractHybridSystem, accuracy: Accuracy) -> Table:
 def find_steps(
     system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy, table: Table | None = None
 ) -> TakenSteps:
-    """Every step from t = 0 to the horizon: the table of steps, and the last carry.
+    """Every step from t = 0 to the `horizon` [s]: the table of steps, and the last carry.
 
-    **Arguments:** a `table` of another run, which is written over: in a loop over runs it is cleared only once.
+    **Arguments:** `table` is that of another run, to be written over: a loop over runs then clears it only once.
     """
     table = empty_table(system, accuracy) if table is None else table
     control = step_control(accuracy)
@@ -64,21 +58,22 @@ def find_steps(
     blocks = -(-accuracy.max_steps // _BLOCK)
     done = lambda packed: unpack(packed).done > 0
 
-    def step(carry: Filling) -> Filling:
+    def add_step(
+        carry: tuple[Packed, Count, Float[Array, "block columns"]],
+    ) -> tuple[Packed, Count, Float[Array, "block columns"]]:
         packed, filled, block = carry
         moved, row, accepted = one_step(system, horizon, control, unpack(packed), True)
         block = lax.dynamic_update_index_in_dim(block, row, filled, 0)
         return pack(moved)[0], filled + accepted, block
 
-    def steps(carry: Filled) -> Filled:
+    def add_block(carry: tuple[Packed, Table, Count]) -> tuple[Packed, Table, Count]:
         packed, table, used = carry
         empty = (packed, jnp.zeros((), int), jnp.zeros((_BLOCK, table.shape[1])))
-        packed, _, block = lax.while_loop(lambda c: (c[1] < _BLOCK) & ~done(c[0]), step, empty)
+        packed, _, block = lax.while_loop(lambda c: (c[1] < _BLOCK) & ~done(c[0]), add_step, empty)
         return packed, lax.dynamic_update_slice_in_dim(table, block, used * _BLOCK, 0), used + 1
 
-    packed, table, _ = lax.while_loop(
-        lambda c: (c[2] < blocks) & ~done(c[0]), steps, (start, table, jnp.zeros((), int))
-    )
+    begin = (start, table, jnp.zeros((), int))
+    packed, table, _ = lax.while_loop(lambda c: (c[2] < blocks) & ~done(c[0]), add_block, begin)
     loop = unpack(packed)
     counts = ("count", "rejected", "events", "period", "failure")
     whole = {name: getattr(loop, name).astype(int) for name in counts}
@@ -91,14 +86,14 @@ def integrate_to_times(system: AbstractHybridSystem, times: Float[Array, " m"], 
 
     For sweeps: little memory, no derivatives, no repetition of periods.
     """
-    start, advance, state = time_stepper(system, accuracy)
+    start, advance, unpack = time_stepper(system, accuracy)
 
     def go(packed: Packed, time: Scalar) -> tuple[Packed, Float[Array, " components"]]:
         packed = advance(packed, time, accuracy.max_steps)
-        return packed, jnp.stack(state(packed).x)
+        return packed, jnp.stack(unpack(packed).x)
 
     packed, states = lax.scan(go, start, times)
-    loop = state(packed)
+    loop = unpack(packed)
     failure = jnp.where((loop.done == 0) & (loop.failure == 0), 1.0, loop.failure).astype(int)
     return StatesAtTimes(unflattener(system)(states.T), loop.count.astype(int), loop.rejected.astype(int), failure)
 
@@ -106,9 +101,9 @@ def integrate_to_times(system: AbstractHybridSystem, times: Float[Array, " m"], 
 def time_stepper(
     system: AbstractHybridSystem, accuracy: Accuracy
 ) -> tuple[Packed, Callable[[Packed, Scalar, int | Count], Packed], Callable[[Packed], LoopState]]:
-    """The carry before the first step, what takes a carry to a later time [s], and what reads a carry.
+    """The carry before the first step, a function that takes a carry to a later time [s], and one that unpacks it.
 
-    It takes no more steps than it is told, counted from the first on; one that has failed stays where it is.
+    The first function takes a maximum of steps, counted from the start of the run; after a failure it takes none.
     """
     control = step_control(accuracy)
     start, unpack = pack(initial_loop_state(system))

@@ -1,8 +1,7 @@
 """One step of the forward pass: a smooth piece, the event or the corner that ends it, and what follows.
 
-The bound on steps over which derivatives do not grow: a span of the quickest transient, read off the field itself.
-
-See docs/numerics.md, "Steps that derivatives can bear".
+A step spans a limited number of time constants of the quickest transient, so that derivatives do not grow over it
+(docs/numerics.md, "Steps that derivatives can bear").
 """
 
 from collections.abc import Sequence
@@ -20,12 +19,12 @@ from .event_location import first_crossing
 from .polynomials import horner
 from .step_methods.base import AbstractStepMethod, Piece
 from .step_methods.taylor import shortened
-from .step_table import BECAME_SETTLED, CORNER, EVENT, WHICH, LoopState, kept, written
-from .system import SETTLED, AbstractHybridSystem, InputSegment, State, Unflatten, field_of, has_guards, unflattener
+from .step_table import BECAME_SETTLED, CORNER, EVENT, WHICH, LoopState, barrier, write
+from .system import SETTLED, AbstractHybridSystem, InputSegment, State, field_of, has_guards, unflattener
 from .taylor_series import Field, Series, constant, polynomial
 
 _FORCED = 1.5
-"""So many times longer a step may be for what is known in closed form, and only enters the rest as a forcing."""
+"""Factor by which a step may be longer for components known in closed form, which act on the others as a forcing."""
 
 
 def longest_step(
@@ -37,10 +36,12 @@ def longest_step(
     span: float,
     remaining: Scalar,
 ) -> Scalar:
-    """How long a step [s] from `x` at `t_local` [s] may be: what is `remaining` [s], or less where derivatives grow.
+    """How long a step [s] from `x` at `t_local` [s] may be: the `remaining` time [s], or less where derivatives grow.
 
-    **Arguments:** the numbers of the components that are known in closed form; the `span` of the method in time
-    constants.  What has settled does not move, and has no bound.
+    A settled state does not move, and has no bound.
+
+    **Arguments:** `closed` are the numbers of the components that are known in closed form; `span` is that of the
+    method, in time constants.
     """
     rate = _quickest_rate(field, t_local, x, closed)
     too_far = (mode != SETTLED) & (remaining * rate > span)
@@ -50,18 +51,17 @@ def longest_step(
 def _quickest_rate(field: Field, t_local: Scalar, x: Sequence[Scalar], closed: Sequence[int]) -> Scalar:
     """Estimated largest modulus [1/s] of the eigenvalues of the field's Jacobian at `x`; see `span` of the methods.
 
-    A transient that has decayed has coefficients that vanish and allow any step.  What the same step
-    does to derivatives is not seen there: beyond the method's region of stability they grow, and with them
-    what is left of rounding, from step to step.  Two components a, b that feel each other turn or decay at
-    the rate sqrt|J_ab J_ba|, whatever their units; what only one of them feels changes no eigenvalue.
+    After a transient has decayed its coefficients vanish, so that the error of the state allows any step.  Derivatives
+    and the remains of rounding still grow from step to step beyond the method's region of stability.  Two components
+    a, b that act on each other turn or decay at the rate sqrt|J_ab J_ba|, whatever their units; if only one acts on the
+    other, that changes no eigenvalue.
     """
 
     def flow(x: Float[Array, " components"]) -> Float[Array, " components"]:
         return jnp.stack([jnp.asarray(constant(rate), float) for rate in field(t_local, list(x))])
 
     jacobian = jax.jacfwd(flow)(jnp.stack(x))
-    known = np.isin(np.arange(len(x)), closed)
-    weight = np.where(known, 1.0 / _FORCED**2, 1.0)
+    weight = np.where(np.isin(np.arange(len(x)), closed), 1.0 / _FORCED**2, 1.0)
     mutual = jnp.abs(jacobian * jacobian.T) * weight
     return jnp.sqrt(jnp.max(jnp.sum(jnp.where(jnp.isfinite(mutual), mutual, 0.0), axis=1)))
 
@@ -70,7 +70,6 @@ def new_period(
     cycle: tuple[int, int] | None,
     system: AbstractHybridSystem,
     settle_tolerance: Scalar,
-    unflatten: Unflatten,
     loop: LoopState,
     ahead: Scalar,
     x: State,
@@ -79,26 +78,26 @@ def new_period(
 ) -> tuple[Truth | bool, Truth]:
     """Whether a period of the drive opens here, and whether it repeats the last one.
 
-    It does where both began at rest and in the same state but for a shift: a contact may
+    It does where both opened settled and in the same state but for a shift: a contact may
     also rest while it sticks, each time with another force, or while the platform rings.
     """
     if cycle is None:
         return False, jnp.zeros((), bool)
     first, every = cycle
     opens = corner & (ahead >= first) & ((ahead - first) % every == 0)
-    # Each is within `rest` of the steady solution; the factor keeps that from looking like a difference.
-    same = system.same_state(x, unflatten(loop.period_start), 4.0 * settle_tolerance)
+    # Each state is within the tolerance of the steady solution; the factor keeps that from looking like a difference.
+    same = system.same_state(x, unflattener(system)(loop.period_start), 4.0 * settle_tolerance)
     return opens, opens & (loop.period_start_settled > 0) & (mode == SETTLED) & same
 
 
 class StepControl(NamedTuple):
-    """Settings of the accuracy that a step needs."""
+    """The settings of an `Accuracy` that a step needs, with its tolerances as arrays."""
 
     method: AbstractStepMethod
     tolerance: Scalar
     settle_tolerance: Scalar
     patience: Scalar
-    """So many rejections are too many."""
+    """A rejection after so many others is a failure."""
 
 
 def step_control(accuracy: Accuracy) -> StepControl:
@@ -116,8 +115,7 @@ def step_control(accuracy: Accuracy) -> StepControl:
 def one_step(
     system: AbstractHybridSystem, horizon: Scalar, control: StepControl, loop: LoopState, repeating: bool
 ) -> tuple[LoopState, Float[Array, " columns"], Truth]:
-    """One attempt: the new carry, its row for the table, and whether it was accepted."""
-    unflatten = unflattener(system)
+    """One attempted step: the new carry, its row for the table, and whether it was accepted."""
     opaque_one = 1.0 + 0.0 * loop.count
     segment = system.segment(loop.index)
     last = loop.origin + segment.duration >= horizon
@@ -128,23 +126,19 @@ def one_step(
     t_local = loop.t_local + duration
     ended = ~event & (duration >= remaining)
     corner = ended & ~last
-    x, mode, becomes_settled = _afterwards(
+    x, mode, becomes_settled = _after_step(
         system, segment, loop, t_local, x, event, which, ended, control.settle_tolerance, opaque_one
     )
-    x = kept(x, opaque_one)
-    row = written(
-        loop,
-        piece.step_size,
-        duration,
-        corner * CORNER + becomes_settled * BECAME_SETTLED + event * (EVENT + WHICH * which),
-    )
+    x = barrier(x, opaque_one)
+    code = corner * CORNER + becomes_settled * BECAME_SETTLED + event * (EVENT + WHICH * which)
+    row = write(loop, piece.step_size, duration, code)
     ahead = loop.index + 1.0
     started, opening = system.on_segment_start(system.segment(ahead), x, mode)
     if system.resets_at_corners:
         x = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, x)
     opening = opening / opaque_one
     cycle = system.period() if repeating else None
-    opens, repeats = new_period(cycle, system, control.settle_tolerance, unflatten, loop, ahead, x, mode, corner)
+    opens, repeats = new_period(cycle, system, control.settle_tolerance, loop, ahead, x, mode, corner)
     finite = jnp.isfinite(sum(jax.tree.leaves(x))) & (duration >= 0)
     hopeless = ~piece.accepted & (loop.rejected > control.patience)
     failure = jnp.where((piece.accepted & ~finite) | hopeless, 2.0, 0.0)
@@ -184,12 +178,11 @@ def attempt(
     remaining: Scalar,
     opaque_one: Scalar,
 ) -> Piece:
-    """A smooth piece that resolves the state and what only the guards feel, and over which no derivative grows."""
+    """A smooth piece that resolves the state and the system's extra error terms, over which no derivative grows."""
     unflatten = unflattener(system)
     units = [scale / tolerance for scale in jax.tree.leaves(system.error_scale(unflatten(loop.x)))]
     field = field_of(system, segment, unflatten, loop.mode)
-    closed = system.closed_components()
-    allowed = longest_step(field, loop.t_local, loop.x, loop.mode, closed, method.span, remaining)
+    allowed = longest_step(field, loop.t_local, loop.x, loop.mode, system.closed_components(), method.span, remaining)
     piece = method.attempt(field, loop.t_local, list(loop.x), units, allowed, loop.proposed_step, opaque_one)
     motion = unflatten([polynomial(c) for c in piece.polynomials])
     extra = cast("tuple[Series, ...]", system.extra_error_terms(motion, loop.mode))
@@ -206,15 +199,15 @@ def until_event(
     size = len(piece.polynomials[0])
     guards, size = system.guards_along(segment, clock, motion, loop.mode, size, piece.step_size)
     duration, event, which = first_crossing(guards, size, piece.step_size)
-    # Asked for in many places, which must not disagree: what is computed again may differ by rounding.
-    duration, event, which = kept((duration, event * 1.0, which), opaque_one)
+    # Many places need these, and must agree: computed again they may differ by rounding.
+    duration, event, which = barrier((duration, event * 1.0, which), opaque_one)
     event = event > 0.0
     x = [horner(c, duration) for c in piece.polynomials]
     x = system.exact(segment, loop.t_local, unflatten(loop.x), duration, unflatten(x))
-    return duration, event, which, kept(x, opaque_one)
+    return duration, event, which, barrier(x, opaque_one)
 
 
-def _afterwards(
+def _after_step(
     system: AbstractHybridSystem,
     segment: InputSegment,
     loop: LoopState,
@@ -226,7 +219,7 @@ def _afterwards(
     settle_tolerance: Scalar,
     opaque_one: Scalar,
 ) -> tuple[State, Scalar, Scalar]:
-    """State and mode after the event, if there was one, and 1 where what is left has settled."""
+    """State and mode after the event, if there was one, and 1 where the motion has settled."""
     mode = loop.mode
     if has_guards(system, segment, t_local, x, mode):
         switched, following = system.after_event(segment, t_local, x, mode, which)

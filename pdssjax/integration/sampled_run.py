@@ -1,7 +1,7 @@
-"""The states that a motion goes through at given times, cheaper than by `integrate_steps`, with the same derivatives.
+"""The states of a motion at given times, cheaper than by `integrate_steps`, with the same derivatives.
 
-`integrate_steps` keeps every step and its polynomials, for whoever looks between them.  Here they are made block by
-block (`tiles`) and only what the times show of them is kept.
+`integrate_steps` keeps the polynomials of every step.  Here they are made block by block (`tiles`), and only their
+values at the times are kept.
 """
 
 from collections.abc import Callable
@@ -14,13 +14,13 @@ from jaxtyping import Array, Float, Int
 
 from ..core import Count, Scalar, ScalarLike, Tree, Truth
 from .accuracy import Accuracy
-from .differentiated_run import Begins, RunExtent, components_at, since_begins
-from .solution import End, StepBegins, ended, sampled_states
+from .differentiated_run import RunExtent, Starts, differentiable_run, time_since_starts
+from .solution import End, StepStarts, end_of_run, sampled_states
 from .step_table import Row, TakenSteps
 from .system import AbstractHybridSystem, SampledStates, State
 from .tiles import PART
 
-Seen = TypeVar("Seen")
+Observed = TypeVar("Observed")
 
 
 def is_closed(system: AbstractHybridSystem) -> bool:
@@ -62,11 +62,11 @@ def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], seg
     return jax.vmap(inside)(j, times)
 
 
-class SampledRun(NamedTuple, Generic[Seen]):
+class SampledRun(NamedTuple, Generic[Observed]):
     """The result of a run of which only the states at some times were asked for."""
 
-    states: Seen
-    """The states at the times, or what was looked at of them."""
+    states: Observed
+    """The states at the times, or the values that `look` returned for them."""
     end: End
     count: Count  # pyright: ignore[reportIncompatibleMethodOverride]
     """Steps accepted."""
@@ -79,8 +79,8 @@ class SampledRun(NamedTuple, Generic[Seen]):
     """Index into `accuracy.FAILURES`; 0 where the integration finished."""
 
 
-def _in_parts(look: Callable[..., Seen], wanted: Count, *of_times: Tree) -> Seen:
-    """What `look` makes of the first `wanted` rows of arrays; for the rows behind them, what it makes of the last."""
+def _in_parts(look: Callable[..., Observed], wanted: Count, *of_times: Tree) -> Observed:
+    """`look` of the first `wanted` rows of arrays, a part at a time; later rows repeat the last of them."""
     count = len(jax.tree.leaves(of_times)[0])
     size = min(PART, count)
     rows = jnp.minimum(jnp.arange(-(-count // size) * size), wanted - 1)
@@ -88,7 +88,7 @@ def _in_parts(look: Callable[..., Seen], wanted: Count, *of_times: Tree) -> Seen
     shapes = jax.eval_shape(lambda: look(*take(rows[:size])))
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
 
-    def part(both: tuple[Count, Int[Array, " part"]]) -> Seen:
+    def part(both: tuple[Count, Int[Array, " part"]]) -> Observed:
         return lax.cond(both[0] < wanted, lambda: look(*take(both[1])), lambda: nothing)
 
     found = lax.map(part, (jnp.arange(0, rows.size, size), rows.reshape(-1, size)))
@@ -101,36 +101,40 @@ def sample_run(
     accuracy: Accuracy,
     keep: tuple[int, ...] | None = None,
     horizon: ScalarLike | None = None,
-    look: Callable[[SampledStates], Seen] = lambda states: states,
+    look: Callable[[SampledStates], Observed] = lambda states: states,
     wanted: Count | None = None,
     steps: TakenSteps | None = None,
-) -> SampledRun[Seen]:
+) -> SampledRun[Observed]:
     """Integrate `system` from its initial state at t = 0, and return the states at the ascending `times` [s].
 
     As `integrate_steps` and `states_at` do together, differentiable in every floating-point leaf of `system` and in
     `times`.
 
-    **Arguments:** `keep` names the components of the state that are wanted, all by default; the others are those of a
-    step's beginning unless the system knows them in closed form.  The run ends at the `horizon` [s], the last of the
-    times by default; it has no derivative.  What is returned of the states is what `look` makes of some at a time.
-    Only the first `wanted` times are looked at, all by default; what is returned for later ones is that of the last.
-    The `steps` are those that `find_steps` finds to this horizon; None: they are found here.
+    **Arguments:**
+
+    - `keep`: the components of the state that are wanted, all by default; the others are those of a step's start unless
+      the system knows them in closed form
+    - `horizon`: when the run ends [s], the last of the times by default; it has no derivative
+    - `look`: a function of some of the states, whose values are returned in their place
+    - `wanted`: only the states at so many of the times are computed, all by default; later times repeat the last
+    - `steps`: those that `find_steps` finds to this horizon; None: they are found here
     """
     components = tuple(range(len(jax.tree.leaves(system.initial())))) if keep is None else keep
     times = jnp.asarray(times, float)
     horizon = lax.stop_gradient(jnp.asarray(times[-1] if horizon is None else horizon, float))
     extent = RunExtent(horizon, jnp.asarray(times.size if wanted is None else wanted), steps)
-    begins, end, shown, found = components_at(system, times, extent, accuracy, components)
-    loop, laps = found.loop, found.laps
-    opening, later = [each[:1] for each in begins], [each[1:] for each in begins]
-    rise = [stop - start[0] for stop, start in zip(end[2:], opening[2:], strict=True)]
+    starts, end, values, facts = differentiable_run(system, times, extent, accuracy, components)
+    loop, laps = facts.loop, facts.laps
+    opening, of_times = [number[:1] for number in starts], [number[1:] for number in starts]
+    gain = [stop - start[0] for stop, start in zip(end[2:], opening[2:], strict=True)]
 
-    def looked(steps: Row, begins: Begins, laps: Array, times: Array, shown: Array) -> Seen:
-        whole = [jnp.concatenate(both) for both in zip(opening, begins, strict=True)]
-        elapsed = since_begins(whole, end, laps, times)
-        at_begin = StepBegins(steps.index, steps.mode, begins[1], begins[2:])
-        return look(sampled_states(system, at_begin, elapsed, shown, [each * laps for each in rise], keep))
+    def observe(steps: Row, starts: Starts, laps: Array, times: Array, values: Array) -> Observed:
+        whole = [jnp.concatenate(both) for both in zip(opening, starts, strict=True)]
+        elapsed = time_since_starts(whole, end, times, laps)
+        start = StepStarts(steps.index, steps.mode, starts[1], starts[2:])
+        return look(sampled_states(system, start, elapsed, values, [each * laps for each in gain], keep))
 
-    rows = found.steps, later, laps, times, shown
-    seen = looked(*rows) if wanted is None else _in_parts(looked, wanted, *rows)
-    return SampledRun(seen, ended(end, loop), loop.count, loop.rejected, loop.events, loop.repeats, loop.failure)
+    rows = facts.steps, of_times, laps, times, values
+    observed = observe(*rows) if wanted is None else _in_parts(observe, wanted, *rows)
+    counts = loop.count, loop.rejected, loop.events, loop.repeats, loop.failure
+    return SampledRun(observed, end_of_run(end, loop), *counts)

@@ -4,14 +4,12 @@ The system is smooth in each of its modes.  A step never leaves the mode it bega
 the guard falls through zero within a step, the step is cut there, and the next begins in
 the mode that follows.  Corners of the drive cut steps in the same way.
 
-Gradients.  The sequence of steps (the forward pass) is found without derivatives.  Its tangents
-follow afterwards: every step is linearised about its own start, all of them side by side,
-and a linear recurrence joins them.  The end of a step at an event or a corner moves with
-the parameters by dt* = -dg / (dg/dt); since the local time is part of the state, the state
-moves along the field by that much, and what the field does after the switch follows in the
+Gradients.  The sequence of steps (the forward pass) is found without derivatives.  Afterwards every step is
+linearised about its own start, and a linear recurrence joins the steps.  The end of a step at an event or a corner
+moves with the parameters by dt* = -dg / (dg/dt); since the local time is part of the state, the state
+moves along the field by that much, and the field after the switch enters in the
 next step (at once, in what is left of a ringing).  This is the saltation matrix, without
-writing it down (P. C. Müller, Chaos, Solitons & Fractals 5(9), 1995).  The recurrence is
-an ordinary linear scan, so forward and reverse mode both work.
+writing it down (P. C. Müller, Chaos, Solitons & Fractals 5(9), 1995).
 """
 
 from collections.abc import Sequence
@@ -24,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
-from .differentiated_run import locate_times, since_begins, steps_of
+from .differentiated_run import RunExtent, differentiable_run, locate_times, time_since_starts
 from .polynomials import horner
 from .step_table import LoopState
 from .system import AbstractHybridSystem, SampledStates, State, unflattener
@@ -68,13 +66,13 @@ class End(NamedTuple):
     mode: Scalar
 
 
-def ended(end: Float[Array, " begin"], loop: LoopState) -> End:
-    """The end of a run, of its origin, local time and state and the last carry."""
+def end_of_run(end: Float[Array, " start"], loop: LoopState) -> End:
+    """The end of a run, from its origin, local time and state, which have derivatives, and the last carry."""
     return End(end[0] + end[1], end[2:], loop.index, end[1], loop.mode)
 
 
 class SteppedRun(NamedTuple):
-    """All that a run leaves behind."""
+    """The steps of a run and how it ended."""
 
     steps: Steps
     end: End
@@ -96,36 +94,29 @@ def integrate_steps(
 ) -> SteppedRun:
     """Integrate `system` from its initial state at t = 0 to `horizon` [s].
 
-    Differentiable in every floating-point leaf of `system`, but not in `horizon`.  `keep`
-    names the components of the state wanted between the steps, all by default: fewer
+    Differentiable in every floating-point leaf of `system`, but not in `horizon`.
+
+    **Arguments:** `keep` are the components of the state wanted between the starts of steps, all by default: fewer
     spare memory and time.
     """
     keep = tuple(range(len(jax.tree.leaves(system.initial())))) if keep is None else keep
-    horizon = lax.stop_gradient(jnp.asarray(horizon, float))
-    begins, end, polynomials, found = steps_of(system, horizon, accuracy, keep)
-    loop, known = found.loop, found.steps
+    extent = RunExtent(lax.stop_gradient(jnp.asarray(horizon, float)), jnp.zeros((), int))
+    starts, end, polynomials, facts = differentiable_run(system, None, extent, accuracy, keep)
+    loop, row = facts.loop, facts.steps
     steps = Steps(
-        known.index,
-        known.mode,
-        known.step_size,
-        known.duration,
-        begins[0],
-        begins[1],
-        jnp.stack(begins[2:], axis=1),
-        polynomials,
-        known.event,
-        known.which,
+        index=row.index,
+        mode=row.mode,
+        step_size=row.step_size,
+        duration=row.duration,
+        origin=starts[0],
+        t_local=starts[1],
+        x=jnp.stack(starts[2:], axis=1),
+        polynomials=polynomials,
+        event=row.event,
+        which=row.which,
     )
-    return SteppedRun(
-        steps,
-        ended(end, loop),
-        loop.period,
-        loop.repeats,
-        loop.count,
-        loop.rejected,
-        loop.events,
-        loop.failure,
-    )
+    counts = loop.period, loop.repeats, loop.count, loop.rejected, loop.events, loop.failure
+    return SteppedRun(steps, end_of_run(end, loop), *counts)
 
 
 def states_at(
@@ -133,25 +124,25 @@ def states_at(
 ) -> SampledStates:
     """The state at `times` [s], shape (m,), each within the integrated time or its repetition.
 
-    Components outside `keep`, as given to `integrate_steps`, are those of the step's beginning unless the
+    Components outside `keep`, as given to `integrate_steps`, are those of the step's start unless the
     system knows them in closed form.
     """
     steps, end = run.steps, run.end
     begins, opening = steps.origin + steps.t_local, steps.origin[run.period]
     row, laps = locate_times(lambda rows: begins[rows], run.count, len(begins), opening, end.time, run.repeats, times)
     rows = jnp.concatenate([jnp.asarray(run.period)[None], row])
-    begun = steps.origin[rows], steps.t_local[rows]
+    starts = steps.origin[rows], steps.t_local[rows]
     stop = jnp.concatenate([jnp.stack([end.time - end.t_local, end.t_local]), end.x])
-    elapsed = since_begins(begun, stop, laps, times)
+    elapsed = time_since_starts(starts, stop, times, laps)
     polynomials = steps.polynomials[row]
-    shown = horner([polynomials[:, :, k] for k in range(polynomials.shape[-1])], elapsed[:, None])
-    at_begin = StepBegins(steps.index[row], steps.mode[row], steps.t_local[row], list(steps.x[row].T))
-    gained = [rise * laps for rise in end.x - steps.x[run.period]]
-    return sampled_states(system, at_begin, elapsed, shown, gained, keep)
+    values = horner([polynomials[:, :, k] for k in range(polynomials.shape[-1])], elapsed[:, None])
+    start = StepStarts(steps.index[row], steps.mode[row], steps.t_local[row], list(steps.x[row].T))
+    shift = [gain * laps for gain in end.x - steps.x[run.period]]
+    return sampled_states(system, start, elapsed, values, shift, keep)
 
 
-class StepBegins(NamedTuple):
-    """How the steps began within which some times lie."""
+class StepStarts(NamedTuple):
+    """The starts of the steps within which some times lie."""
 
     index: Float[Array, " m"]  # pyright: ignore[reportIncompatibleMethodOverride]
     """Segment of the drive."""
@@ -164,25 +155,26 @@ class StepBegins(NamedTuple):
 
 def sampled_states(
     system: AbstractHybridSystem,
-    at_begin: StepBegins,
+    start: StepStarts,
     elapsed: Float[Array, " m"],
-    shown: Float[Array, "m kept"],
-    gained: Sequence[Float[Array, " m"]],
+    values: Float[Array, "m kept"],
+    shift: Sequence[Float[Array, " m"]],
     keep: tuple[int, ...] | None,
 ) -> SampledStates:
-    """The states `elapsed` [s] after their steps began, by what polynomials have `shown` of the components `keep`.
+    """The states `elapsed` [s] after the `start` of their steps.
 
-    **Arguments:** of each component, repeated periods have `gained` so much.
+    **Arguments:** `values` of the components `keep`, from their polynomials; the `shift` of each component by the
+    repetitions of the period.
     """
-    values = list(at_begin.x)
-    for column, component in enumerate(range(len(values)) if keep is None else keep):
-        values[component] = shown[:, column]
+    end = list(start.x)
+    for column, component in enumerate(range(len(end)) if keep is None else keep):
+        end[component] = values[:, column]
     unflatten = unflattener(system)
 
-    def finish(begun: StepBegins, elapsed: Scalar, end: list[Scalar]) -> State:
-        segment = system.segment(begun.index)
-        return system.exact(segment, begun.t_local, unflatten(begun.x), elapsed, unflatten(end))
+    def with_closed_components(start: StepStarts, elapsed: Scalar, end: list[Scalar]) -> State:
+        segment = system.segment(start.index)
+        return system.exact(segment, start.t_local, unflatten(start.x), elapsed, unflatten(end))
 
-    x = jax.vmap(finish)(at_begin, elapsed, values)
-    x = jax.tree.map(jnp.add, x, jax.vmap(unflatten)(gained))
-    return SampledStates(x, jax.vmap(system.segment)(at_begin.index), at_begin.t_local + elapsed, at_begin.mode)
+    x = jax.vmap(with_closed_components)(start, elapsed, end)
+    x = jax.tree.map(jnp.add, x, jax.vmap(unflatten)(shift))
+    return SampledStates(x, jax.vmap(system.segment)(start.index), start.t_local + elapsed, start.mode)

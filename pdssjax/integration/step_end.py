@@ -1,7 +1,7 @@
-"""How a step of the table ends, as a function of its begin and of the system: to first order, and to second.
+"""The end of a step of the table as a function of its start and of the system: right to first order, and to second.
 
-To first order (`end_to_first_order`) the step's end moves along the field by as much as its event or its corner does;
-what the field does after the switch follows in the next step.  To second order (`end_to_second_order`) it moves along
+To first order (`end_to_first_order`) the end moves along the field by as much as the time of its event or corner
+shifts; the field after the switch enters in the next step.  To second order (`end_to_second_order`) it moves along
 the motion itself.
 """
 
@@ -19,29 +19,29 @@ from .step_table import Row, read
 from .system import SETTLED, AbstractHybridSystem, InputSegment, State, has_guards, unflattener
 
 _SMALL = 1e-11
-"""Amplitude [m] of a motion from whose events derivatives are carried back to a fixed time."""
+"""Amplitude [m] of a motion below which derivatives are carried back from its events to a fixed time."""
 
 
 def exact_end(system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar]) -> list[Scalar]:
-    """Where the polynomials of a step lead, with what is known in closed form put right."""
+    """The end `x` of the polynomials of a step, with the components that are known in closed form replaced."""
     step, unflatten = read(row), unflattener(system)
-    segment, begin = system.segment(step.index), unflatten(step.begin)
+    segment, begin = system.segment(step.index), unflatten(step.x)
     return jax.tree.leaves(system.exact(segment, step.t_local, begin, step.duration, unflatten(x)))
 
 
 class Shift(NamedTuple):
-    """The shift of the end of a step with the parameters."""
+    """How the parameters shift the end of a step."""
 
     time: Scalar
-    """Zero in value, the derivative of the event's or of the corner's time [s]."""
+    """Zero in value; its derivative is that of the time of the event or corner [s]."""
     is_carried_back: Truth
-    """Whether it is an event at whose moving time derivatives are not left."""
+    """Whether derivatives are carried back from the event, whose time shifts, to the fixed time of the table."""
 
 
 def event_shift_of(system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar]) -> Shift:
     """The shift of the end `x` of a step with the time of its event or corner."""
     step = read(row)
-    at, mode, which = step.at, step.mode, step.which
+    at, mode, which = step.end, step.mode, step.which
     end, segment = unflattener(system)(x), system.segment(step.index)
 
     def margin(event_shift: Scalar) -> Scalar:
@@ -66,67 +66,67 @@ def event_shift_of(system: AbstractHybridSystem, row: Float[Array, " columns"], 
 def _ending_guard(
     system: AbstractHybridSystem, segment: InputSegment, t_local: Scalar, x: State, mode: Scalar, which: Count
 ) -> Scalar:
-    """The guard number `which`; of two, the one that is lower."""
+    """Guard number `which`, or the lower one where there are two."""
     guards = [jnp.asarray(guard, float) for guard in system.guards(segment, t_local, x, mode)]
     return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
 
 
 def end_to_first_order(
     system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar], shift: Shift
-) -> Float[Array, " begin"]:
-    """The end (origin, after, x) of a step of the table, given where it leads and how its end moves.
+) -> Float[Array, " start"]:
+    """The start of the next step (origin, local time, state), from the end `x` of a step and the `shift` of its time.
 
-    The value is that of the forward pass to rounding; the derivatives are those of the true flow, with the end of
-    the step moving as the event or the corner does.  From events of a small motion, and of a law's own, they are
-    carried back to the time of the table: left at the moving time, what is continuous there moves by its rate times a
-    shift that grows without bound as a ringing dies out, or as a guard comes slowly to zero, and rounding of that would
-    drown the derivatives.  At other reversals they are left there: carried back, they would hold the phase of the
-    ringing, with the error that steps make of it.
+    The value is that of the forward pass to rounding; the derivatives are those of the true flow, whose event or
+    corner shifts.  From events where `is_carried_back` holds, those of a small motion or of the law itself, derivatives
+    are carried back to the time of the table: at the shifted time a state that is continuous there varies by its rate
+    times the shift, which grows without bound as a ringing dies out, or as a guard comes slowly to zero, and its
+    rounding would drown the derivatives.  From other reversals they are not: carried back, they would contain the phase
+    of the ringing, with the error of the steps.
     """
     step, unflatten = read(row), unflattener(system)
-    at, mode, end, segment = step.at, step.mode, unflatten(x), system.segment(step.index)
-    before = rates_at_end(system, segment, step.t_local, unflatten(step.begin), step.duration, end, mode)
-    moved = jax.tree.map(lambda a, b: a + shift.time * b, end, before)
+    at, mode, end, segment = step.end, step.mode, unflatten(x), system.segment(step.index)
+    before = rates_at_end(system, segment, step.t_local, unflatten(step.x), step.duration, end, mode)
+    shifted = jax.tree.map(lambda a, b: a + shift.time * b, end, before)
 
-    def carried_back(follows: State, following: Scalar) -> State:
-        after = rates_at_end(system, segment, at, follows, jnp.zeros_like(at), follows, following)
+    def carried_back(following: State, next_mode: Scalar) -> State:
+        after = rates_at_end(system, segment, at, following, jnp.zeros_like(at), following, next_mode)
         back = lambda x, f, m, y, g: x + shift.time * (f - g) + (y - m)
-        return jax.tree.map(back, end, before, moved, follows, after)
+        return jax.tree.map(back, end, before, shifted, following, after)
 
-    return _next_begin(system, step, segment, moved, shift, carried_back)
+    return _next_start(system, step, segment, shifted, shift, carried_back)
 
 
-def _next_begin(
+def _next_start(
     system: AbstractHybridSystem,
     step: Row,
     segment: InputSegment,
-    moved: State,
+    shifted: State,
     shift: Shift,
     carried_back: Callable[[State, Scalar], State],
-) -> Float[Array, " begin"]:
-    """What follows on a step that ends in the state `moved`, after its event or corner: (origin, local time, state).
+) -> Float[Array, " start"]:
+    """The start of the next step (origin, local time, state), after the event or corner of one that ends in `shifted`.
 
     **Arguments:** `carried_back` takes state and mode after an event back to the time of the table.
     """
-    at, later = step.at, step.at + shift.time
-    follows, following, events = moved, step.mode, has_guards(system, segment, at, moved, step.mode)
+    at, later = step.end, step.end + shift.time
+    following, next_mode, events = shifted, step.mode, has_guards(system, segment, at, shifted, step.mode)
     if events:
-        switched, following = system.after_event(segment, later, moved, step.mode, step.which)
-        follows = _either(step.event, switched, moved)
-        following = jnp.where(step.event, following, step.mode)
-    follows = _either(step.becomes_settled, system.project_to_steady(segment, later, follows, following), follows)
+        switched, next_mode = system.after_event(segment, later, shifted, step.mode, step.which)
+        following = _where(step.event, switched, shifted)
+        next_mode = jnp.where(step.event, next_mode, step.mode)
+    following = _where(step.becomes_settled, system.project_to_steady(segment, later, following, next_mode), following)
     if events:
-        following = jnp.where(step.becomes_settled, SETTLED, following)
-        follows = _either(shift.is_carried_back, carried_back(follows, following), follows)
+        next_mode = jnp.where(step.becomes_settled, SETTLED, next_mode)
+        following = _where(shift.is_carried_back, carried_back(following, next_mode), following)
         later = jnp.where(shift.is_carried_back, at, later)
     if system.resets_at_corners:
-        started, _ = system.on_segment_start(system.segment(step.index + 1.0), follows, step.mode)
-        follows = _either(step.corner, started, follows)
+        started, _ = system.on_segment_start(system.segment(step.index + 1.0), following, step.mode)
+        following = _where(step.corner, started, following)
     origin = step.origin + jnp.where(step.corner, segment.duration, 0.0)
-    return jnp.stack([origin, jnp.where(step.corner, 0.0, later), *jax.tree.leaves(follows)])
+    return jnp.stack([origin, jnp.where(step.corner, 0.0, later), *jax.tree.leaves(following)])
 
 
-def _either(condition: Truth, new: State, old: State) -> State:
+def _where(condition: Truth, new: State, old: State) -> State:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
 
 
@@ -139,10 +139,10 @@ def rates_at_end(
     end: State,
     mode: Scalar,
 ) -> State:
-    """How the state changes with time at the end of a step, without derivatives of its own.
+    """The rate of the state at the end of a step, without derivatives of its own.
 
-    What is known in closed form goes on moving where all else has settled (a platform that still rings under a
-    stuck contact), and the field of that mode leaves it out.
+    A component known in closed form goes on moving where all else has settled (a platform that still rings under a
+    stuck contact), although the field of that mode leaves it out.
     """
     rates = system.field(segment, t_local + duration, end, mode)
 
@@ -151,7 +151,7 @@ def rates_at_end(
         return system.exact(segment, t_local, begin, duration + shift, moved)
 
     exact = jax.jvp(later, (jnp.zeros_like(duration),), (jnp.ones_like(duration),))[1]
-    # Elsewhere the field has them, too, and bit for bit the same before an event and after it.
+    # In other modes the field has them, too, and bit for bit the same before an event and after it.
     return lax.stop_gradient(jax.tree.map(lambda a, b: jnp.where(mode == SETTLED, a, b), exact, rates))
 
 
@@ -162,14 +162,14 @@ def _tangent_only(x: Scalar) -> Scalar:
 
 def end_to_second_order(
     system: AbstractHybridSystem, row: Float[Array, " columns"], polynomials: Float[Array, "components coefficients"]
-) -> Float[Array, " begin"]:
-    """The end of a step, right to the second derivative: it moves along the motion, not along its tangent.
+) -> Float[Array, " start"]:
+    """The start of the next step, right to the second derivative: it moves along the motion, not along its tangent.
 
     The shift of its time is zero in value, so that second order adds one term in its square: x''/2 to the motion, and
     -g''/(2 g') to the time of an event with the margin g.
     """
     step, unflatten = read(row), unflattener(system)
-    segment, begin, mode, which = system.segment(step.index), unflatten(step.begin), step.mode, step.which
+    segment, begin, mode, which = system.segment(step.index), unflatten(step.x), step.mode, step.which
     value, rate, bend_of_motion = (_derivative_at(polynomials, step.duration, order) for order in range(3))
 
     def motion(shift: Scalar) -> State:
@@ -178,29 +178,28 @@ def end_to_second_order(
         return system.exact(segment, step.t_local, begin, step.duration + shift, end)
 
     def margin(shift: Scalar) -> Scalar:
-        return _ending_guard(system, segment, step.at + shift, motion(shift), mode, which)
+        return _ending_guard(system, segment, step.end + shift, motion(shift), mode, which)
 
-    still, one = jnp.zeros_like(step.duration), jnp.ones_like(step.duration)
-    moves = jnp.where(step.corner, segment.duration, 0.0) - step.t_local
-    shift = jnp.where(step.corner, _tangent_only(moves), 0.0)
-    events = has_guards(system, segment, step.at, motion(still), mode)
+    none, one = jnp.zeros_like(step.duration), jnp.ones_like(step.duration)
+    to_corner = jnp.where(step.corner, segment.duration, 0.0) - step.t_local
+    shift = jnp.where(step.corner, _tangent_only(to_corner), 0.0)
     is_carried_back = jnp.zeros((), bool)
-    if events:
+    if has_guards(system, segment, step.end, motion(none), mode):
         with_slope = lambda shift: jax.jvp(margin, (shift,), (one,))
-        (gap, slope), (_, bend) = jax.jvp(with_slope, (still,), (one,))
-        located = step.event & (step.at > 0.0) & (slope != 0)
+        (gap, slope), (_, bend) = jax.jvp(with_slope, (none,), (one,))
+        located = step.event & (step.end > 0.0) & (slope != 0)
         is_carried_back = step.event & system.is_carried_back(lax.stop_gradient(slope), mode, which, _SMALL)
         tangent = -jnp.where(located, _tangent_only(gap), 0.0) / jnp.where(located, slope, 1.0)
         bent = lax.stop_gradient(jnp.where(located, 0.5 * bend / slope, 0.0))
         shift = jnp.where(located, tangent - bent * tangent**2, shift)
-    carried_back = lambda follows, following: _carried_back(system, segment, step.at + shift, follows, shift, following)
-    return _next_begin(system, step, segment, motion(shift), Shift(shift, is_carried_back), carried_back)
+    carried_back = lambda x, mode: _carried_back(system, segment, step.end + shift, x, shift, mode)
+    return _next_start(system, step, segment, motion(shift), Shift(shift, is_carried_back), carried_back)
 
 
 def _derivative_at(
     polynomials: Float[Array, "components coefficients"], time: Scalar, order: int
 ) -> Float[Array, " components"]:
-    """Derivatives of some order of polynomials at a `time` that does not move."""
+    """Derivatives of some order of polynomials at a fixed `time`."""
     count = polynomials.shape[1]
     factors = np.array([np.prod(np.arange(k - order + 1.0, k + 1.0)) for k in range(order, count)])
     powers = jnp.power(time, np.arange(count - order))

@@ -1,4 +1,4 @@
-"""The carry of the loop over the steps, and the table of steps that it writes and the sensitivities read."""
+"""The carry of the loop over the steps, and the table of steps that it writes and `sensitivities` reads."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias, TypeVar
@@ -38,7 +38,7 @@ class LoopState(NamedTuple):
 
 
 def initial_loop_state(system: AbstractHybridSystem) -> LoopState:
-    """Before the first step of any run; **raises** `InputError` in single precision."""
+    """The carry before the first step of a run; **raises** `InputError` in single precision."""
     require_float64("pdssjax.integration")
     zero = jnp.zeros(())
     first, mode = initial_state_and_mode(system)
@@ -54,8 +54,8 @@ def pack(tree: Scalars) -> tuple[Float[Array, " scalars"], Callable[[Float[Array
     return jnp.stack(leaves), lambda packed: jax.tree.unflatten(structure, [packed[i] for i in range(len(leaves))])
 
 
-def kept(tree: Scalars, opaque_one: Scalar) -> Scalars:
-    """`tree` as computed once: XLA repeats cheap scalars in every consumer, but no division.
+def barrier(tree: Scalars, opaque_one: Scalar) -> Scalars:
+    """`tree`, computed once: XLA repeats cheap scalars in every consumer, but no division.
 
     `opaque_one` is 1 in a way that the compiler cannot know.
     """
@@ -64,17 +64,17 @@ def kept(tree: Scalars, opaque_one: Scalar) -> Scalars:
 
 
 CORNER, BECAME_SETTLED, EVENT, WHICH = 1, 2, 4, 8
-"""Bits of the code of a step, how it ended; the number of the guard that ended it follows from `WHICH` on."""
+"""Bits of the code that says how a step ended; the bits from `WHICH` on are the number of the guard that ended it."""
 
 KNOWN_COLUMNS = 5
 """Columns of the table behind the time and the state: index, mode, radius, length, code."""
 
 Table: TypeAlias = Float[Array, "room columns"]
-"""A row a step: time and state at its begin, then the `KNOWN_COLUMNS`; room to spare."""
+"""One row for each step: time and state at its start, then the `KNOWN_COLUMNS`; room to spare."""
 
 
-def written(loop: LoopState, step_size: Scalar, duration: Scalar, code: Scalar) -> Float[Array, " columns"]:
-    """The row of a step that begins where the `loop` is, of which the code is a sum of bits."""
+def write(loop: LoopState, step_size: Scalar, duration: Scalar, code: Scalar) -> Float[Array, " columns"]:
+    """The row of a step that starts where the `loop` is, of which the code is a sum of bits."""
     return jnp.stack([loop.origin, loop.t_local, *loop.x, loop.index, loop.mode, step_size, duration, code])
 
 
@@ -83,11 +83,11 @@ TakenSteps: TypeAlias = tuple[Table, LoopState]
 
 
 class Row(NamedTuple):
-    """A row of the table: what can be differentiated by, then what is known."""
+    """A row of the table: first the numbers with which the step starts, which have derivatives, then the others."""
 
     origin: Scalar
     t_local: Scalar
-    begin: tuple[Scalar, ...]
+    x: tuple[Scalar, ...]
     """The components of the state."""
     index: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
     mode: Scalar
@@ -99,17 +99,17 @@ class Row(NamedTuple):
     which: Count
 
     @property
-    def at(self) -> Scalar:
-        """Local time at the end, before it moves [s]."""
+    def end(self) -> Scalar:
+        """Local time at the end, which does not vary [s]."""
         return self.t_local + self.duration
 
 
 def read(row: Float[Array, " columns"]) -> Row:
-    """A row of the table, by name."""
+    """The named values of a row, or of the transposed table: then each has the rows as its axis."""
     size = row.shape[0] - KNOWN_COLUMNS
-    origin, t_local, *begin = row[:size]
+    origin, t_local, *x = row[:size]
     index, mode, step_size, duration, code = lax.stop_gradient(row[size:])
     code = code.astype(int)
     corner, settled, event = (code & bit > 0 for bit in (CORNER, BECAME_SETTLED, EVENT))
     known = (index, mode, step_size, duration, corner, settled, event, code // WHICH)
-    return Row(origin, t_local, tuple(begin), *known)
+    return Row(origin, t_local, tuple(x), *known)

@@ -1,9 +1,9 @@
-"""The table of steps, a tile of rows at a time: what is found of every step, or what is read off them block by block.
+"""Loops over the table of steps: results for every step, a tile of rows at a time, or values read block by block.
 
-A table has room to spare, and what is found of a step is large: of every step kept, the room that no step took would
-cost a run of few steps more than its steps do.  So the loops end with the last step, and what is wanted at few times
-is read off a block of the table before the next is begun.  Nothing here is differentiated: derivatives are among what
-is found.
+A table has room to spare, and the result for a step, its polynomials and derivatives, is large: results for the unused
+rows would cost a run of few steps more than its steps do.  So the loops end with the last step, and values at given
+times are read from a block of results before the next block begins.  Nothing here is differentiated: derivatives are
+among the results.
 """
 
 from collections.abc import Callable
@@ -19,45 +19,45 @@ from ..core import Count
 from .step_table import Table
 
 _TILE = 32
-"""Steps expanded or linearised side by side."""
+"""Steps expanded or linearised at once."""
 
 BLOCK = 512
 """Rows in a block of tiles; a table has a whole number of blocks."""
 
 PART = 128
-"""Times at which a block is read side by side."""
+"""Times at which a block is read at once."""
 
 Carry = TypeVar("Carry")
-Found = TypeVar("Found")
+Results = TypeVar("Results")
 Read = TypeVar("Read")
 
-Tile: TypeAlias = Callable[[Carry, Float[Array, "rows columns"], Bool[Array, " rows"]], tuple[Carry, Found]]
-"""Takes a carry through the rows of a tile, of which some are real, and tells what it found of each."""
+Tile: TypeAlias = Callable[[Carry, Float[Array, "rows columns"], Bool[Array, " rows"]], tuple[Carry, Results]]
+"""Takes a carry through the rows of a tile, of which some are real, and gives a result for each."""
 
 
-def tiled(tile: Tile[Carry, Found], carry: Carry, table: Table, count: Count) -> tuple[Carry, Found]:
-    """The carry behind the first `count` rows of the table, and what `tile` found of each; zeros for the rest."""
+def tiled(tile: Tile[Carry, Results], carry: Carry, table: Table, count: Count) -> tuple[Carry, Results]:
+    """The carry after the first `count` rows of the table, and the results of `tile` for each; zeros for the rest."""
     tiles = len(table) // _TILE
     tile = jax.jit(tile, inline=True)  # traced once, for its shapes and for the loop
     shapes = jax.eval_shape(tile, carry, table[:_TILE], jnp.ones(_TILE, bool))[1]
     blank = jax.tree.map(lambda s: jnp.zeros((tiles * _TILE, *s.shape[1:]), s.dtype), shapes)
 
-    def next_tile(number: Count, both: tuple[Carry, Found]) -> tuple[Carry, Found]:
+    def next_tile(number: Count, both: tuple[Carry, Results]) -> tuple[Carry, Results]:
         carry, so_far = both
         first = number * _TILE
         real = first + jnp.arange(_TILE) < count
-        # Rows without a step are computed like the first one: finite, and never used.
+        # Rows without a step are computed from the first one: finite, and never used.
         rows = jnp.where(real[:, None], lax.dynamic_slice_in_dim(table, first, _TILE), table[0])
-        carry, found = tile(carry, rows, real)
+        carry, results = tile(carry, rows, real)
         put = lambda all_rows, these: lax.dynamic_update_slice_in_dim(all_rows, these, first, 0)
-        return carry, jax.tree.map(put, so_far, found)
+        return carry, jax.tree.map(put, so_far, results)
 
     taken = jnp.minimum(-(-count // _TILE), tiles)
     return lax.fori_loop(0, taken, next_tile, (carry, blank))
 
 
 def read_by_blocks(
-    tile: Tile[Carry, Found],
+    tile: Tile[Carry, Results],
     carry: Carry,
     table: Table,
     count: Count,
@@ -66,13 +66,13 @@ def read_by_blocks(
     wanted: Count,
     *of_times: Float[Array, " m"],
 ) -> tuple[Carry, Read]:
-    """The carry behind the first `count` rows of the table, and what `read` makes of those in `rows`.
+    """The carry after the first `count` rows of the table, and the values that `read` takes from those in `rows`.
 
-    **Arguments:** `read(found, rows, *of_times)` takes what `tile` found of the rows of a block, some rows by their
-    numbers in it, which may lie outside, and what is `of_times`, the arrays with an entry for each of the `rows`.  Of
-    these only the first `wanted` are read.
+    **Arguments:** `read(results, rows, *of_times)` gets the results of `tile` for a block, the numbers of some rows in
+    it, which may lie outside, and the entries of the arrays `of_times` for those rows.  Only the first `wanted` of the
+    `rows` are read.
 
-    **Returns:** the carry; an entry for each of the `rows`, zeros for those that are not wanted.
+    **Returns:** the carry; a value for each of the `rows`, zeros for those that are not wanted.
     """
     blocks = len(table) // BLOCK
     part = min(PART, rows.size)
@@ -80,14 +80,14 @@ def read_by_blocks(
 
     def next_block(number: Count, both: tuple[Carry, Read]) -> tuple[Carry, Read]:
         begin = number * BLOCK
-        carry, found = tiled(tile, both[0], lax.dynamic_slice_in_dim(table, begin, BLOCK), count - begin)
+        carry, results = tiled(tile, both[0], lax.dynamic_slice_in_dim(table, begin, BLOCK), count - begin)
 
         def next_part(number: Count, so_far: Read) -> Read:
             first = jnp.minimum(number * part, rows.size - part)
             cut = lambda array: lax.dynamic_slice_in_dim(array, first, part)
             here, before = cut(rows) - begin, jax.tree.map(cut, so_far)
             inside = (here >= 0) & (here < BLOCK)
-            added = lambda: jax.tree.map(partial(_where, inside), read(found, here, *map(cut, of_times)), before)
+            added = lambda: jax.tree.map(partial(_where, inside), read(results, here, *map(cut, of_times)), before)
             new = lax.cond(jnp.any(inside), added, lambda: before)
             put = lambda array, values: lax.dynamic_update_slice_in_dim(array, values, first, 0)
             return jax.tree.map(put, so_far, new)
