@@ -26,8 +26,14 @@ if TYPE_CHECKING:
         solver_name as solver_name,
         step_method as step_method,
     )
-    from .steady_cycle import PERIODS as PERIODS, Cycles as Cycles, integrate_cycles as integrate_cycles
-    from .steady_motion import GRAZES as GRAZES, SteadyState as SteadyState, steady_state as steady_state
+    from .steady_motion import (
+        GRAZES as GRAZES,
+        PERIODS as PERIODS,
+        Cycles as Cycles,
+        SteadyState as SteadyState,
+        integrate_cycles as integrate_cycles,
+        steady_state as steady_state,
+    )
     from .step_methods.base import AbstractStepMethod as AbstractStepMethod
     from .step_methods.diffrax_solver import OneStep as OneStep
     from .step_methods.picard import Picard as Picard

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar, Truth
 from .taylor_series import Series
-from .traced_arithmetic import choose, plus, times
+from .tracing import choose, plus, times
 
 Guards: TypeAlias = Float[Array, " guards"]
 """One number for each guard: all of them are examined at once, as one vector."""

@@ -22,15 +22,19 @@ from .accuracy import Accuracy
 from .restart import flat, restarted
 from .sampled_run import sample_run
 from .system import AbstractHybridSystem, unflattener
+from .tracing import zeros_of
 
 SHORT = 1e-10
-"""A cycle is looked at this part of a period before its end, so that the corner there is the next period's.
+"""A cycle ends this part of a period early, so that the corner there belongs to the next period.
 
 Segments add up to a period but for rounding, a thousand of them to 1e-10 of one.
 """
 
 CONFIRMED = 2
-"""So often in a row a motion has to repeat."""
+"""How often in a row a motion has to repeat."""
+
+_LOOKS = 10
+"""Iterations of Newton's method at most."""
 
 
 class Orbit(NamedTuple):
@@ -39,15 +43,15 @@ class Orbit(NamedTuple):
     x: Float[Array, " components"]
     """The state at the opening of a period, just before its corner."""
     end: Float[Array, " components"]
-    """The state at the opening of the next, or of the one after which it repeats."""
+    """The state at the opening of the period after which it repeats."""
     monodromy: Float[Array, "components components"]
     """Derivative of `end` by `x`."""
     distance: Scalar
-    """How far apart [m] the two are, but for the drift."""
+    """Distance [m] between the two, but for the drift."""
     looks: Count
     """How often a cycle was integrated and linearised."""
     confirmed: Count
-    """How often in a row, from where the last look led, the distance was below the tolerance."""
+    """How often in a row the distance was below the tolerance, each time from the end of the last cycle."""
     failure: Count
     """Index into `accuracy.FAILURES`; 0 where the integration went well."""
 
@@ -58,41 +62,39 @@ def newton_orbit(
     duration: ScalarLike,
     accuracy: Accuracy,
     tolerance: ScalarLike,
-    count: ScalarLike = 1,
-    most: int = 10,
+    count: ScalarLike,
 ) -> Orbit:
     """The periodic orbit near the state `x` at the opening of a period, which takes `duration` [s].
 
-    **Arguments:** it repeats after `count` periods, to within `tolerance` [m], and once more from where that leads.
-    After `most` looks, or where they lead away, it is what was found: `confirmed` says how good it is.  No
-    derivatives: see `refined`.
+    **Arguments:** it repeats after `count` periods, to within `tolerance` [m], and once more from the end of those.
+    After `_LOOKS` iterations, or a failed run, it is the last one: `confirmed` says how good it is.  No derivatives:
+    see `refined`.
     """
     system = lax.stop_gradient(system)
     unflatten = unflattener(system)
 
-    def look(x: Float[Array, " components"]) -> Orbit:
+    def linearised_cycle(x: Float[Array, " components"]) -> Orbit:
         reach = lambda x: cycle_end(system, x, duration, accuracy, count)
         monodromy, (end, failure) = jax.jacfwd(lambda x: (reach(x)[0], reach(x)), has_aux=True)(x)
         distance = system.state_distance(unflatten(list(end)), unflatten(list(x)))
         return Orbit(x, end, monodromy, distance, jnp.zeros((), int), jnp.zeros((), int), failure)
 
-    def improved(orbit: Orbit) -> Orbit:
+    def iterate(orbit: Orbit) -> Orbit:
         near = orbit.confirmed > 0
-        found = look(jnp.where(near, orbit.end, orbit.x + _newton_step(system, orbit)))
+        found = linearised_cycle(jnp.where(near, orbit.end, orbit.x + _newton_step(system, orbit)))
         confirmed = jnp.where(found.distance < tolerance, orbit.confirmed + 1, 0)
         return found._replace(looks=orbit.looks + 1, confirmed=confirmed)
 
-    goes_on = lambda orbit: (orbit.confirmed < CONFIRMED) & (orbit.looks < most) & (orbit.failure == 0)
-    # A step of length zero leads to the first look.
+    goes_on = lambda orbit: (orbit.confirmed < CONFIRMED) & (orbit.looks < _LOOKS) & (orbit.failure == 0)
+    # The first iteration takes a step of length zero.
     begin = lax.stop_gradient(x)
-    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(look, begin))
-    return lax.while_loop(goes_on, improved, nothing._replace(x=begin, end=begin))
+    return lax.while_loop(goes_on, iterate, zeros_of(linearised_cycle, begin)._replace(x=begin, end=begin))
 
 
 def refined(
-    system: AbstractHybridSystem, orbit: Orbit, duration: ScalarLike, accuracy: Accuracy, count: ScalarLike = 1
+    system: AbstractHybridSystem, orbit: Orbit, duration: ScalarLike, accuracy: Accuracy, count: ScalarLike
 ) -> tuple[Float[Array, " components"], Float[Array, " components"]]:
-    """The state at the opening of a period of an `orbit`, and what the motion gains until it repeats.
+    """The state at the opening of a period of an `orbit`, and its net shift until the motion repeats.
 
     Both are differentiable in every floating-point leaf of `system` and in `duration` [s]: by one more step of
     Newton's method, which changes values by rounding alone.
@@ -126,11 +128,11 @@ def cycle_end(
     Differentiable in `system`, `x` and `duration` [s].
     """
     duration = jnp.asarray(duration, float) * count
-    horizon, moving = duration * (1.0 - SHORT), restarted(system, x)
-    run = sample_run(moving, jnp.zeros(0), accuracy, keep=(0,), horizon=horizon)
-    # What is left to the end of the period, in value and in derivative: where the last step ends moves with the events.
+    horizon, from_x = duration * (1.0 - SHORT), restarted(system, x)
+    run = sample_run(from_x, jnp.zeros(0), accuracy, keep=(0,), horizon=horizon)
+    # The rest of the period, in value and in derivative: the end of the last step shifts with the events.
     end = lax.stop_gradient(run.end)
-    segment = moving.segment(end.index)
+    segment = from_x.segment(end.index)
     rate = flat(system.rates(segment, end.t_local, unflattener(system)(list(end.x)), end.mode))
     return run.end.x + lax.stop_gradient(rate) * (duration - run.end.time), run.failure
 
@@ -140,22 +142,22 @@ def moved_orbit(
     monodromy: Float[Array, "components components"],
     driven: Float[Array, "components *directions"],
 ) -> Float[Array, "components *directions"]:
-    """(I - M)^-1 of what is `driven` in the components that something depends on, zero in the others.
+    """(I - M)^-1 `driven` in the components that something depends on, zero in the others.
 
-    With the derivatives of a cycle's end by a parameter it is that of the orbit.
+    If `driven` is the derivative of a cycle's end by a parameter, this is the derivative of the orbit.
     """
-    moving = _moving(system, monodromy)
-    away = jnp.where(moving.reshape(-1, *(1,) * (driven.ndim - 1)), driven, 0.0)
-    return jnp.linalg.solve(jnp.eye(len(moving)) - _reduced(system, monodromy), away)
+    deviates = _deviates(system, monodromy)
+    away = jnp.where(deviates.reshape(-1, *(1,) * (driven.ndim - 1)), driven, 0.0)
+    return jnp.linalg.solve(jnp.eye(len(deviates)) - _reduced(system, monodromy), away)
 
 
-def _moving(
+def _deviates(
     system: AbstractHybridSystem, monodromy: Float[Array, "components components"]
 ) -> Bool[Array, " components"]:
-    """Which components something depends on, and which do not merely stay what they were.
+    """Which components can deviate from the orbit: something depends on them, and a cycle changes them.
 
-    A flag (in contact, sliding fast) has a derivative of 1 by itself and none by anything else where a cycle leaves it
-    alone: it does not deviate, so that it takes no part in whether deviations die out.
+    A flag (in contact, sliding fast) that a cycle leaves alone has a derivative of 1 by itself and none by anything
+    else.  It takes no part in whether deviations die out.
     """
     shifts = jnp.array([i in system.shifting_components() for i in range(monodromy.shape[0])])
     return ~shifts & ~(monodromy == jnp.eye(monodromy.shape[0])).all(axis=1)
@@ -164,8 +166,9 @@ def _moving(
 def _reduced(
     system: AbstractHybridSystem, monodromy: Float[Array, "components components"]
 ) -> Float[Array, "components components"]:
-    moving = _moving(system, monodromy)
-    return jnp.where(moving[:, None] & moving[None, :], monodromy, 0.0)
+    """The monodromy matrix with zeros in the rows and columns of components that do not deviate."""
+    deviates = _deviates(system, monodromy)
+    return jnp.where(deviates[:, None] & deviates[None, :], monodromy, 0.0)
 
 
 def _newton_step(system: AbstractHybridSystem, orbit: Orbit) -> Float[Array, " components"]:

@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..core import ScalarLike
-from .traced_arithmetic import plus, times
+from .tracing import plus, times
 
 Polynomials: TypeAlias = list[list[ScalarLike]]
 """For each component the coefficients, lowest first."""

@@ -19,6 +19,7 @@ from .solution import End, StepStarts, end_of_run, sampled_states
 from .step_table import Row, TakenSteps
 from .system import AbstractHybridSystem, SampledStates, State
 from .tiles import PART
+from .tracing import zeros_of
 
 Observed = TypeVar("Observed")
 
@@ -85,8 +86,7 @@ def _in_parts(look: Callable[..., Observed], wanted: Count, *of_times: Tree) -> 
     size = min(PART, count)
     rows = jnp.minimum(jnp.arange(-(-count // size) * size), wanted - 1)
     take = lambda rows: jax.tree.map(lambda a: a[rows], of_times)
-    shapes = jax.eval_shape(lambda: look(*take(rows[:size])))
-    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+    nothing = zeros_of(lambda: look(*take(rows[:size])))
 
     def part(both: tuple[Count, Int[Array, " part"]]) -> Observed:
         return lax.cond(both[0] < wanted, lambda: look(*take(both[1])), lambda: nothing)

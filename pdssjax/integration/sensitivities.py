@@ -26,8 +26,8 @@ from .step_end import end_to_first_order, end_to_second_order, event_shift_of, e
 from .step_methods.base import AbstractStepMethod, KnownStep
 from .step_table import KNOWN_COLUMNS, read
 from .system import AbstractHybridSystem, field_of, initial_state_and_mode, unflattener
-from .taylor_loop import computed_once
 from .tiles import Tile
+from .tracing import computed_once
 
 Keep: TypeAlias = tuple[int, ...]
 """Components of the state of which the polynomials are kept."""

@@ -6,18 +6,18 @@ is recorded; a loop over the order then follows the tape.  Arrays have the expan
 last axis, and the order along their first, so that every operation runs along the expansions.
 """
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeAlias, TypeVar, TypeVarTuple
+from collections.abc import Sequence
+from typing import NamedTuple, TypeAlias
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..core import Count, ScalarLike, Truth
+from ..core import Count, ScalarLike
 from . import taylor_series as series
 from .taylor_series import Field, Order, Rule, Series, Weight, is_zero
+from .tracing import computed_once
 
 _CONVOLVED: dict[Rule, tuple[int | None, int | None]] = {
     series.product_rule: (0, 1),
@@ -29,9 +29,6 @@ _CONVOLVED: dict[Rule, tuple[int | None, int | None]] = {
 }
 """Rules that look back at all lower coefficients, and at which two series: of their operands or, None, their own."""
 
-
-Result = TypeVar("Result")
-Arguments = TypeVarTuple("Arguments")
 
 Carry: TypeAlias = tuple[
     dict[int, Float[Array, "orders m"]], dict[int, Float[Array, " m"]], dict[int, Float[Array, " m"]]
@@ -213,14 +210,3 @@ def _looking_back(tape: Tape, constant: list[bool]) -> set[int]:
             if not any(constant[j] for j in pair):
                 needed |= set(pair)
     return needed
-
-
-def computed_once(true: Truth | bool, function: Callable[[*Arguments], Result], *args: *Arguments) -> Result:
-    """`function(*args)`, kept apart where XLA would fuse it into, and so repeat it in, every place that needs it.
-
-    `true` holds in a way that the compiler cannot know: a branch is compiled as a whole.
-    """
-    function = jax.jit(function, inline=True)  # traced once, for its shapes and for the branch
-    shapes = jax.eval_shape(function, *args)
-    blank = lambda *args: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
-    return lax.cond(true, function, blank, *args)

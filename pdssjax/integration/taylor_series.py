@@ -17,7 +17,7 @@ from typing import Protocol, Self, TypeAlias, TypeVar, overload
 import jax.numpy as jnp
 
 from ..core import Count, Scalar, ScalarLike
-from .traced_arithmetic import plus, times
+from .tracing import plus, times
 
 Order: TypeAlias = int | Count
 """The order of a coefficient; traced within the loop of `taylor_loop`."""

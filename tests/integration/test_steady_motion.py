@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from pdssjax import AbstractHybridSystem, Accuracy, Taylor
-from pdssjax.integration import cosine_and_sine, steady_state
-from pdssjax.integration.steady_cycle import PERIODS, _remaining
+from pdssjax.integration import PERIODS, cosine_and_sine, steady_state
+from pdssjax.integration.steady_motion import _remaining
 
 FINE = Accuracy(tolerance=1e-14, method=Taylor(8), max_steps=256)
 TOLERANCE = 1e-11
