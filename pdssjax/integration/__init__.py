@@ -17,8 +17,14 @@ if TYPE_CHECKING:
     from .hybrid_system import HybridSystem as HybridSystem
     from .periodic_orbit import SHORT as SHORT, moved_orbit as moved_orbit
     from .restart import flat as flat, restarted as restarted
-    from .sampled_run import exact_states_at as exact_states_at, is_closed as is_closed, sample_run as sample_run
-    from .solution import SteppedRun as SteppedRun, integrate_steps as integrate_steps, states_at as states_at
+    from .solution import (
+        SteppedRun as SteppedRun,
+        exact_states_at as exact_states_at,
+        integrate_steps as integrate_steps,
+        is_closed as is_closed,
+        sample_run as sample_run,
+        states_at as states_at,
+    )
     from .solver_names import (
         SOLVERS as SOLVERS,
         TAYLOR as TAYLOR,

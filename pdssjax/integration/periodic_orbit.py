@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float
 from ..core import Count, Scalar, ScalarLike
 from .accuracy import Accuracy
 from .restart import flat, restarted
-from .sampled_run import sample_run
+from .solution import sample_run
 from .system import AbstractHybridSystem, unflattener
 from .tracing import zeros_of
 
