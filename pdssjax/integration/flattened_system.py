@@ -1,10 +1,10 @@
-"""A `HybridSystem` as the integrator wants its systems: scalars for arrays, and a run that lasts one unit of time.
+"""A `HybridSystem` in the integrator's own interface: scalars for arrays, and a run that lasts one unit of time.
 
-The clock is that of the run, from 0 to 1, and errors are told in tolerances.  So no constant of the integrator, such as
-the time within which a tie between events is broken, depends on the user's units.
+The clock of the run goes from 0 to 1, and errors are in units of the tolerances.  So no constant of the integrator,
+such as the time within which a tie between events is broken, depends on the user's units.
 """
 
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -26,20 +26,17 @@ _GUARD_DEGREE = 16
 """Degree of the polynomial through a guard along a step."""
 
 _SHORTEST = 1e-15
-"""Part of the run below which a polynomial through a guard is not made for a shorter step."""
+"""Shortest step, as a part of the run, for which the polynomial through a guard is made."""
 
 _INSIDE = 4.0 * np.finfo(float).eps
 """Part of the largest time by which a time is kept away from the corners."""
 
 
-Structure: TypeAlias = Any
-"""A `PyTreeDef`, which JAX gives no type to a reader."""
-
-
 class Layout(NamedTuple):
     """How a state's arrays lie in a list of scalars."""
 
-    structure: Structure
+    structure: Any
+    """A `PyTreeDef`, for which JAX has no public type."""
     shapes: tuple[tuple[int, ...], ...]
 
     def split(self, rows: Float[Array, "*rows components"]) -> Tree:
@@ -95,22 +92,33 @@ class FlattenedSystem(AbstractHybridSystem):
         return Stretch(begins[number], begins[number + 1] - begins[number], index)
 
     def field(self, segment: Stretch, t_local: Term, x: State, mode: Scalar) -> State:
-        time, args, mode_of_user = self._time(segment, t_local), self.args, self._mode(mode)
+        time, user_mode = self._time(segment, t_local), self.user_modes(mode)
         if not any(isinstance(part, Series) for part in (t_local, *x)):
-            rates = self.system.vector_field(time, self._state(x), args, mode_of_user)
+            rates = self.system.vector_field(time, self._state(x), self.args, user_mode)
             return tuple(self.layout.joined(rates, f"{type(self.system).__name__}.vector_field") * self.span)
-        state = jax.tree.unflatten(self.layout.structure, list(x))
-        rates = _expanded(self.system, "vector_field", time, state, args, mode_of_user)
-        return tuple(weighted(rate, self.span) for rate in jax.tree.leaves(rates, is_leaf=_is_series))
+        rates = self._expanded("vector_field", time, x, user_mode)
+        leaves = jax.tree.leaves(rates, is_leaf=lambda leaf: isinstance(leaf, Series))
+        return tuple(weighted(rate, self.span) for rate in leaves)
 
     def guards(self, segment: Stretch, t_local: Term, x: State, mode: Scalar) -> tuple[Term, ...]:
-        time, args, mode_of_user = self._time(segment, t_local), self.args, self._mode(mode)
-        if any(isinstance(part, Series) for part in (t_local, *x)):
-            state = jax.tree.unflatten(self.layout.structure, list(x))
-            guards = _expanded(self.system, "guards", time, state, args, mode_of_user)
-            guards = guards if isinstance(guards, tuple | list) else (guards,)
-            return tuple(guard if isinstance(guard, Series) else polynomial([guard]) for guard in guards)
-        return tuple(self.guard_values(time, self._state(x), mode_of_user))
+        time, user_mode = self._time(segment, t_local), self.user_modes(mode)
+        if not any(isinstance(part, Series) for part in (t_local, *x)):
+            return tuple(self.guard_values(time, self._state(x), user_mode))
+        guards = self._expanded("guards", time, x, user_mode)
+        guards = guards if isinstance(guards, tuple | list) else (guards,)
+        return tuple(guard if isinstance(guard, Series) else polynomial([guard]) for guard in guards)
+
+    def _expanded(self, method: str, time: Term, x: State, mode: Count) -> Any:
+        """The series that a user's method returns for series; **raises** `InputError` where it cannot take them."""
+        state = jax.tree.unflatten(self.layout.structure, list(x))
+        try:
+            return getattr(self.system, method)(time, state, self.args, mode)
+        except (TypeError, AttributeError) as error:
+            raise InputError(
+                f"{type(self.system).__name__}.{method}: found what a Taylor series cannot pass ({error!s:.120}), "
+                "expected + - * / and the functions exp, power and cosine_and_sine of pdssjax.integration; or leave "
+                "`method` out."
+            ) from error
 
     def guard_values(self, t: Scalar, y: Tree, mode: Count) -> Float[Array, " guards"]:
         """The user's guards as one array, whatever they came in."""
@@ -148,7 +156,7 @@ class FlattenedSystem(AbstractHybridSystem):
         self, segment: Stretch, t_local: ScalarLike, x: State, mode: Scalar, which: Scalar
     ) -> tuple[State, Scalar]:
         time, whole = self._time(segment, t_local), jnp.asarray(which).astype(int)
-        found = self.system.after_event(time, self._state(x), self.args, self._mode(mode), whole)
+        found = self.system.after_event(time, self._state(x), self.args, self.user_modes(mode), whole)
         return self._following(found, "after_event")
 
     @property
@@ -156,16 +164,16 @@ class FlattenedSystem(AbstractHybridSystem):
         return type(self.system).after_corner is not HybridSystem.after_corner
 
     def on_segment_start(self, segment: Stretch, x: State, mode: Scalar) -> tuple[State, Scalar]:
-        starts = mode < 1.0
+        at_start = mode < 1.0
         first = jnp.asarray(self.mode0, float) + _FIRST_MODE
         if not self.resets_at_corners:
-            return x, jnp.where(starts, first, mode)
+            return x, jnp.where(at_start, first, mode)
         time, place = self._time(segment, 0.0), jnp.asarray(segment.number).astype(int) - 1
         which = jnp.argsort(self._corners())[place]
-        found = self.system.after_corner(time, self._state(x), self.args, self._mode(mode), which)
-        turned, following = self._following(found, "after_corner")
-        x = tuple(jnp.where(starts, a, b) for a, b in zip(x, turned, strict=True))
-        return x, jnp.where(starts, first, following)
+        after = self.system.after_corner(time, self._state(x), self.args, self.user_modes(mode), which)
+        next_x, next_mode = self._following(after, "after_corner")
+        x = tuple(jnp.where(at_start, a, b) for a, b in zip(x, next_x, strict=True))
+        return x, jnp.where(at_start, first, next_mode)
 
     def state_scale(self) -> State:
         return self.error_scale(self.initial())
@@ -191,18 +199,15 @@ class FlattenedSystem(AbstractHybridSystem):
     def _state(self, x: State) -> Tree:
         return self.layout.split(jnp.stack([jnp.asarray(part, float) for part in x]))
 
-    def _mode(self, mode: Scalar) -> Count:
-        return jnp.asarray(mode).astype(int) - _FIRST_MODE
+    def user_modes(self, modes: Float[Array, "*m"]) -> Int[Array, "*m"]:
+        """The user's modes for those of the integrator."""
+        return jnp.asarray(modes).astype(int) - _FIRST_MODE
 
     def _following(self, found: Any, what: str) -> tuple[State, Scalar]:
         where = f"{type(self.system).__name__}.{what}"
         if not (isinstance(found, tuple) and len(found) == 2):
             raise InputError(f"{where}: found {found!r:.80}, expected the pair (state, mode) that follows.")
         return tuple(self.layout.joined(found[0], where)), jnp.asarray(found[1], float) + _FIRST_MODE
-
-    def modes_of(self, modes: Float[Array, " m"]) -> Int[Array, " m"]:
-        """The user's modes for those of the integrator."""
-        return jnp.asarray(modes).astype(int) - _FIRST_MODE
 
 
 def _real(guard: Any) -> Float[Array, "..."] | None:
@@ -213,18 +218,3 @@ def _real(guard: Any) -> Float[Array, "..."] | None:
         return None
     is_real = jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)
     return array.astype(float) if is_real else None
-
-
-def _is_series(leaf: object) -> bool:
-    return isinstance(leaf, Series)
-
-
-def _expanded(system: HybridSystem, method: str, *args: Any) -> Any:
-    """The series that a user's method returns for Taylor series; **raises** `InputError` where it cannot take them."""
-    try:
-        return getattr(system, method)(*args)
-    except (TypeError, AttributeError) as error:
-        raise InputError(
-            f"{type(system).__name__}.{method}: found what a Taylor series cannot pass ({error!s:.120}), expected "
-            "+ - * / and the functions exp, power and cosine_and_sine of pdssjax.integration; or leave `method` out."
-        ) from error

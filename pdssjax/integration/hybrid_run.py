@@ -1,6 +1,5 @@
 """Solve a hybrid system between two times: states, events and why it stopped, with right derivatives."""
 
-import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -38,7 +37,7 @@ RESULTS = (
 _USUAL = Picard()
 
 _NEGATIVE = 1e-6
-"""Part of a guard's largest value at the steps: what is below its negative is no rounding."""
+"""Part of a guard's largest value at the steps; a guard below minus that is negative by more than rounding."""
 
 
 class Events(NamedTuple):
@@ -126,28 +125,26 @@ def integrate(
     **Raises** `InputError` for what cannot be integrated, and `RuntimeError` as `throw` says.
     """
     require_float64("integrate")
-    for name, number in {"max_steps": max_steps, "max_events": max_events}.items():
-        check_whole(f"integrate: `{name}`", number, 1)
+    check_whole("integrate: `max_steps`", max_steps, 1)
+    check_whole("integrate: `max_events`", max_events, 1)
     if not isinstance(method, AbstractStepMethod):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(
             f"integrate: found `method` {method!r:.80}, expected Picard(), Taylor(), or a solver of diffrax in "
             "OneStep(...), all of pdssjax.integration."
         )
-    own = isinstance(system, AbstractHybridSystem)
-    if own:
+    begin, end = jnp.asarray(t0, float), jnp.asarray(t1, float)
+    ts = end[None] if saveat is None else jnp.asarray(saveat, float)
+    if isinstance(system, AbstractHybridSystem):
         y0 = system.initial() if y0 is None else y0
         _check_own(system, y0, t0, args, mode, atol)
-    t0, t1 = jnp.asarray(t0, float), jnp.asarray(t1, float)
-    ts = t1[None] if saveat is None else jnp.asarray(saveat, float)
-    if own:
-        moving: Any = Restarted(system, components(y0), 0.0)
-        fine, solve = jnp.asarray(atol, float), functools.partial(_solved_own, t1=t1)
+        _check_times(begin, end, ts)
+        fine = jnp.asarray(atol, float)
         accuracy = Accuracy(fine, 3.0 * fine, method, max_steps)
+        solution = _solved_own(Restarted(system, components(y0), 0.0), ts, accuracy, max_events, throw, t1=end)
     else:
-        moving = _flattened(system, t0, t1, y0, args, mode, (rtol, atol), isinstance(method, Taylor))
-        accuracy, solve = Accuracy(1.0, 1.0, method, max_steps), _solved
-    _check_times(t0, t1, ts)
-    solution = solve(moving, ts, accuracy, max_events, throw)
+        flat = _flattened(system, begin, end, y0, args, mode, (rtol, atol), isinstance(method, Taylor))
+        _check_times(begin, end, ts)
+        solution = _solved(flat, ts, Accuracy(1.0, 1.0, method, max_steps), max_events, throw)
     return _thrown(solution) if throw else solution
 
 
@@ -180,10 +177,10 @@ def _solved_own(
 ) -> Solution:
     """The solution of a system that has the integrator's own interface, from 0 s on."""
     run = _finite(integrate_steps(system, t1, accuracy))
-    seen = states_at(system, run, ts)
+    states = states_at(system, run, ts)
     reached = ts <= jnp.where(run.failure > 0, run.end.time, t1)
-    ys = jax.tree.map(lambda leaf: _nan_if_unknown(leaf, reached, throw), seen.x)
-    modes = jnp.where(reached, seen.mode.astype(int), -1)
+    ys = jax.tree.map(lambda leaf: _nan_if_unknown(leaf, reached, throw), states.x)
+    modes = jnp.where(reached, states.mode.astype(int), -1)
     split = jax.vmap(unflattener(system))
     events = _events(run, 0.0, 1.0, split, max_events, jnp.inf, throw & (run.failure > 0))
     stopped = jnp.where(run.failure > 0, run.end.time, t1)
@@ -237,12 +234,12 @@ def _solved(
 ) -> Solution:
     run = _finite(integrate_steps(flat, 1.0, accuracy))
     parts = (ts - flat.t0) / flat.span
-    seen = states_at(flat, run, parts)
+    states = states_at(flat, run, parts)
     sound = _sound_until(flat, run)
     stopped = jnp.where(run.failure > 0, run.end.time, 1.0)
     reached = (parts >= -1e-12) & (parts <= stopped + 1e-12) & (parts < sound) & (flat.span > 0.0)
-    ys = flat.layout.split(_nan_if_unknown(jnp.stack(seen.x, axis=-1), reached[:, None], throw))
-    modes = jnp.where(reached, flat.modes_of(seen.mode), -1)
+    ys = flat.layout.split(_nan_if_unknown(jnp.stack(states.x, axis=-1), reached[:, None], throw))
+    modes = jnp.where(reached, flat.user_modes(states.mode), -1)
     result = jnp.where((run.failure != 2) & jnp.isfinite(sound), 3, run.failure)
     result = jnp.where(flat.span > 0.0, result, 4)
     events = _events(run, flat.t0, flat.span, flat.layout.split, max_events, sound, throw & (result > 0))
@@ -252,13 +249,13 @@ def _solved(
 def _nan_if_unknown(values: Float[Array, "..."], known: Bool[Array, "..."], fails: bool | Bool[Array, ""]) -> Array:
     """The `values` where they are known, NaN elsewhere; where the run `fails`, derivatives there are NaN, too.
 
-    Behind a mask they would be 0 and pass for right, as `jit` drops the error with the values that nobody asks for.
+    A mask alone would make them 0, which passes for right: `jit` drops the error together with unused values.
     """
     return jnp.where(known | fails, values * jnp.where(known | ~jnp.asarray(fails), 1.0, jnp.nan), jnp.nan)
 
 
 def _finite(run: SteppedRun) -> SteppedRun:
-    """The run with a finite end: what is not would spoil what was reached before."""
+    """The run with a finite end: otherwise NaN would spread to the states that were reached."""
     return run._replace(end=run.end._replace(x=jnp.where(jnp.isfinite(run.end.x), run.end.x, 0.0)))
 
 
@@ -287,9 +284,9 @@ def _events(
     listed &= times <= sound
     after = jnp.where(last[:, None], end.x, steps.x[following])
     before = _along(steps.polynomials[rows], times - begins[rows])
-    shown = lambda x: split(_nan_if_unknown(x, listed[:, None], fails))
+    listed_states = lambda x: split(_nan_if_unknown(x, listed[:, None], fails))
     ts = _nan_if_unknown(t0 + span * times, listed, fails)
-    return Events(ts, jnp.where(listed, steps.which[rows], -1), shown(before), shown(after), run.events)
+    return Events(ts, jnp.where(listed, steps.which[rows], -1), listed_states(before), listed_states(after), run.events)
 
 
 def _real(run: SteppedRun) -> Bool[Array, " room"]:
@@ -305,13 +302,13 @@ def _along(
 
 
 def _sound_until(flat: FlattenedSystem, run: SteppedRun) -> Scalar:
-    """When the first step begins at whose begin or middle a guard is negative by more than rounding; else infinite."""
+    """The start of the first step with a guard negative at its start or middle by more than rounding; else infinite."""
     steps = lax.stop_gradient(run.steps)
 
     def values(elapsed: Float[Array, " room"]) -> Float[Array, "room guards"]:
         times = flat.t0 + flat.span * (steps.origin + steps.t_local + elapsed)
         states = flat.layout.split(_along(steps.polynomials, elapsed))
-        found = jax.vmap(flat.guard_values)(times, states, flat.modes_of(steps.mode))
+        found = jax.vmap(flat.guard_values)(times, states, flat.user_modes(steps.mode))
         return jnp.where(_real(run)[:, None], found, 0.0)
 
     guards = jnp.stack([values(0.0 * steps.duration), values(0.5 * steps.duration)])
@@ -344,7 +341,7 @@ def _floating(leaf: Any) -> Float[Array, "..."]:
 
 
 def _of_arrays(tree: Tree) -> Tree:
-    """The tree with arrays of JAX for Python's floats and NumPy's arrays: other values then compile nothing anew."""
+    """The tree with arrays of JAX for Python's floats and NumPy's arrays: other values then need no compilation."""
     is_number = lambda leaf: isinstance(leaf, float | np.ndarray | np.generic)
     return jax.tree.map(lambda leaf: jnp.asarray(leaf) if is_number(leaf) else leaf, tree)
 

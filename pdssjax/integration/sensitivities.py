@@ -53,6 +53,17 @@ class StepDerivatives(NamedTuple):
     """From order 0 on: themselves, and their derivatives."""
 
 
+class _Subject(NamedTuple):
+    """The system whose steps are differentiated, and how."""
+
+    varied: AbstractHybridSystem
+    """The leaves by which derivatives are taken."""
+    fixed: AbstractHybridSystem
+    method: AbstractStepMethod
+    tolerance: Scalar
+    keep: Keep
+
+
 def differentiated_steps(
     varied: AbstractHybridSystem,
     fixed: AbstractHybridSystem,
@@ -68,7 +79,7 @@ def differentiated_steps(
     **Arguments:** `size` is how many numbers a step starts with; `order` is that of the highest derivatives, up to 2.
     """
     parameters, rebuilt = ravel_pytree(varied)
-    method, tolerance = accuracy.method, jnp.asarray(accuracy.tolerance, float)
+    subject = _Subject(varied, fixed, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep)
     weights = jnp.outer(parameters, parameters)
 
     def first_start(parameters: Float[Array, " parameters"]) -> Float[Array, " start"]:
@@ -86,8 +97,8 @@ def differentiated_steps(
         ends: Ends, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]
     ) -> tuple[Ends, StepDerivatives]:
         if order == 0:
-            return ends, StepDerivatives((), (_expanded(eqx.combine(varied, fixed), method, tolerance, keep, rows),))
-        polynomials, (end, inner) = _linearised(varied, fixed, method, tolerance, keep, rows)
+            return ends, StepDerivatives((), (_expanded(subject, rows),))
+        polynomials, (end, inner) = _linearised(subject, rows)
         by_start = end[..., :size]
         first, (starts,) = lax.scan(join, ends[:1], (real, by_start, (end[..., size:],)))
         slopes = jax.vmap(_contracted)(inner[..., :size], starts) + inner[..., size:]
@@ -95,7 +106,7 @@ def differentiated_steps(
             return first, StepDerivatives((starts,), (polynomials, slopes))
         unit = jnp.broadcast_to(jnp.eye(parameters.size), (len(rows), parameters.size, parameters.size))
         directions = jnp.concatenate([starts, unit], axis=1)
-        end_bends, bends = _second_derivatives(varied, fixed, method, tolerance, keep, rows, directions)
+        end_bends, bends = _second_derivatives(subject, rows, directions)
         second, (start_bends,) = lax.scan(join, ends[1:], (real, by_start, (end_bends,)))
         bends = bends + jax.vmap(_contracted)(inner[..., :size], start_bends)
         next_bends = jnp.concatenate([start_bends[1:], second[0][None]])[:, [2 + component for component in keep]]
@@ -137,30 +148,19 @@ def _contracted(a: Float[Array, "*left inner"], b: Float[Array, "inner *right"])
 
 # Each is a compiled function of its own, so that it is traced once, however many loops and transformations contain it.
 @eqx.filter_jit
-def _expanded(
-    system: AbstractHybridSystem,
-    method: AbstractStepMethod,
-    tolerance: Scalar,
-    keep: Keep,
-    rows: Float[Array, "rows columns"],
-) -> Float[Array, "rows kept coefficients"]:
+def _expanded(subject: _Subject, rows: Float[Array, "rows columns"]) -> Float[Array, "rows kept coefficients"]:
     """The polynomials of the steps `rows`, shape (rows, components kept, degree + 1)."""
-    polynomials = method.expand(lambda row: _known_step(system, tolerance, row), rows)
-    return _stacked(polynomials, keep)
+    system = eqx.combine(subject.varied, subject.fixed)
+    polynomials = subject.method.expand(lambda row: _known_step(system, subject.tolerance, row), rows)
+    return _stacked(polynomials, subject.keep)
 
 
 class _StepsOfTile:
     """The steps of a tile as functions of their inputs: the numbers with which each starts, then the parameters."""
 
-    def __init__(
-        self,
-        varied: AbstractHybridSystem,
-        fixed: AbstractHybridSystem,
-        tolerance: Scalar,
-        rows: Float[Array, "rows columns"],
-    ):
-        self._size, self._fixed, self._tolerance = rows.shape[1] - KNOWN_COLUMNS, fixed, tolerance
-        parameters, self._rebuilt = ravel_pytree(varied)
+    def __init__(self, subject: _Subject, rows: Float[Array, "rows columns"]):
+        self._subject, self._size = subject, rows.shape[1] - KNOWN_COLUMNS
+        parameters, self._rebuilt = ravel_pytree(subject.varied)
         starts, shape = rows[:, : self._size], (len(rows), parameters.size)
         self.inputs: Float[Array, "rows inputs"] = jnp.concatenate(
             [starts, jnp.broadcast_to(parameters, shape)], axis=1
@@ -169,13 +169,13 @@ class _StepsOfTile:
 
     def _restored(self, inputs: Array, known: Array) -> tuple[AbstractHybridSystem, Float[Array, " columns"]]:
         """System and row of one step, from its inputs and what is known of it."""
-        system = eqx.combine(self._rebuilt(inputs[self._size :]), self._fixed)
+        system = eqx.combine(self._rebuilt(inputs[self._size :]), self._subject.fixed)
         return system, jnp.concatenate([inputs[: self._size], known])
 
     def step(self, inputs: Array, known: Array) -> KnownStep:
         """One step, from its inputs and what is known of it."""
         system, row = self._restored(inputs, known)
-        return _known_step(system, self._tolerance, row)
+        return _known_step(system, self._subject.tolerance, row)
 
     def for_each(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """`function(system, row, *values)` for all rows, as a function of all inputs and of the values of each row."""
@@ -185,23 +185,18 @@ class _StepsOfTile:
 
 @eqx.filter_jit
 def _linearised(
-    varied: AbstractHybridSystem,
-    fixed: AbstractHybridSystem,
-    method: AbstractStepMethod,
-    tolerance: Scalar,
-    keep: Keep,
-    rows: Float[Array, "rows columns"],
+    subject: _Subject, rows: Float[Array, "rows columns"]
 ) -> tuple[Float[Array, "rows kept coefficients"], Any]:
     """The polynomials of the steps `rows`, and the Jacobians of their ends and polynomials.
 
-    These are by the numbers with which a step starts and by every `varied` parameter of the system.
+    These are by the numbers with which a step starts and by every varied parameter of the system.
     """
-    steps = _StepsOfTile(varied, fixed, tolerance, rows)
+    steps = _StepsOfTile(subject, rows)
     step_size, duration = steps.known[:, 2], steps.known[:, 3]
 
     def flow(inputs: Float[Array, "rows inputs"]) -> tuple[Any, Any]:
-        polynomials = method.expand(steps.step, inputs, steps.known)
-        kept = _stacked(polynomials, keep)
+        polynomials = subject.method.expand(steps.step, inputs, steps.known)
+        kept = _stacked(polynomials, subject.keep)
         # Always true, also where a number is not finite.
         true = ~(step_size[0] < 0.0)
         # Component by component: stacking them takes as long as expanding the steps.
@@ -220,23 +215,17 @@ def _linearised(
 
 @eqx.filter_jit
 def _second_derivatives(
-    varied: AbstractHybridSystem,
-    fixed: AbstractHybridSystem,
-    method: AbstractStepMethod,
-    tolerance: Scalar,
-    keep: Keep,
-    rows: Float[Array, "rows columns"],
-    directions: Float[Array, "rows inputs parameters"],
+    subject: _Subject, rows: Float[Array, "rows columns"], directions: Float[Array, "rows inputs parameters"]
 ) -> tuple[
     Float[Array, "rows start parameters parameters"], Float[Array, "rows kept coefficients parameters parameters"]
 ]:
     """Second derivatives of the ends and polynomials of the steps `rows`, along pairs of directions of their inputs."""
-    steps = _StepsOfTile(varied, fixed, tolerance, rows)
+    steps = _StepsOfTile(subject, rows)
 
     def flow(inputs: Float[Array, "rows inputs"]) -> tuple[Array, Array]:
-        polynomials = method.expand(steps.step, inputs, steps.known)
+        polynomials = subject.method.expand(steps.step, inputs, steps.known)
         each = jnp.stack([coefficients.T for coefficients in polynomials], axis=1)
-        return steps.for_each(end_to_second_order)(inputs, each), _stacked(polynomials, keep)
+        return steps.for_each(end_to_second_order)(inputs, each), _stacked(polynomials, subject.keep)
 
     def bend(pair: tuple[Array, Array]) -> tuple[Array, Array]:
         slope = lambda inputs: jax.jvp(flow, (inputs,), (directions[..., pair[0]],))[1]
