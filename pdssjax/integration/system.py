@@ -16,16 +16,16 @@ SETTLED = 2.0
 """The mode of a system that has settled until the next corner; no guard ends it."""
 
 State: TypeAlias = Any
-"""A pytree of scalars, its displacements in m; a component that a time derivative leaves alone has the rate 0.
+"""A pytree of scalars, its displacements in m; a component that does not change with time has the rate 0.
 
-Each system has its own, which no type can say for all: a `Term` each in `field` and `guards`, else a `Scalar` each.
+Its leaves are a `Term` each in `field` and `guards`, else a `Scalar` each.  Every system has a structure of its own.
 """
 
 InputSegment: TypeAlias = Any
-"""An `AnySegment`: what the system's own `segment` gives, with what the system keeps in it besides."""
+"""An `AnySegment`, as the system's own `segment` returns it, with further fields of the system's own."""
 
 Unflatten: TypeAlias = Callable[[Iterable[Any]], State]
-"""Makes a state of its components."""
+"""Makes a state from its components."""
 
 
 class AnySegment(Protocol):
@@ -38,10 +38,10 @@ class AnySegment(Protocol):
 
 
 class SampledStates(NamedTuple):
-    """The states that a motion goes through, at many times; every leaf has their axis first."""
+    """The states of a motion at many times; every leaf has the axis of the times first."""
 
     x: State
-    """One array, shape (m,), a component."""
+    """One array for each component, shape (m,)."""
     segment: InputSegment
     t_local: Float[Array, " m"]
     """Local time [s]."""
@@ -49,15 +49,15 @@ class SampledStates(NamedTuple):
 
 
 class AbstractHybridSystem(eqx.Module):
-    """A motion that is smooth within each of its modes, and what ends a mode.
+    """A motion that is smooth within each of its modes, and the events that end a mode.
 
     The state is a pytree of scalars, the same in every mode.  A mode is a float; `SETTLED` is one that
     every system has.  Time runs from the last corner of the input on: `t_local` [s], inside a `segment`.
     `field`, `guards`, `extra_error_terms` and what they call take state and time as scalars or as `Series`, so
-    they are built of + - * / and the functions that `pdssjax.integration` shows; the other methods take scalars.
-    Every floating-point leaf of the system can be differentiated by.
+    they are built of + - * / and the functions that `pdssjax.integration` exports; the other methods take scalars.
+    Derivatives can be taken by every floating-point leaf of the system.
 
-    Only what is abstract has to be given.  The rest says what more is known of a system, and saves steps.
+    Only the abstract methods are required.  The others add knowledge of the system that saves steps.
     """
 
     @abc.abstractmethod
@@ -74,7 +74,7 @@ class AbstractHybridSystem(eqx.Module):
 
     @abc.abstractmethod
     def guards(self, segment: InputSegment, t_local: Term, x: State, mode: Scalar) -> tuple[Term, ...]:
-        """Positive inside the mode, which ends where the first of them falls through zero; their scale is free.
+        """Numbers of any scale, positive inside the mode, which ends where the first of them falls through zero.
 
         As many in every mode; may be none.
         """
@@ -83,14 +83,14 @@ class AbstractHybridSystem(eqx.Module):
     def after_event(
         self, segment: InputSegment, t_local: ScalarLike, x: State, mode: Scalar, which: Scalar
     ) -> tuple[State, Scalar]:
-        """State and mode after guard number `which`, a float, has reached zero; not asked where there is no guard."""
+        """State and mode after guard number `which`, a float, has reached zero; not called where there is no guard."""
 
     @abc.abstractmethod
     def state_scale(self) -> State:
-        """Displacement that one unit of each component stands for [m]: tolerances are displacements."""
+        """Displacement [m] that one unit of each component stands for: tolerances are displacements."""
 
     def error_scale(self, x: State) -> State:
-        """Displacement [m] that a unit of each component's step error from `x` counts as; override for relative."""
+        """Displacement [m] for one unit of each component's error in a step from `x`; override for relative errors."""
         return self.state_scale()
 
     def guards_along(
@@ -131,25 +131,25 @@ class AbstractHybridSystem(eqx.Module):
         return jnp.zeros((), bool)
 
     def project_to_steady(self, segment: InputSegment, t_local: ScalarLike, x: State, mode: Scalar) -> State:
-        """The state with the last of the deviations from the steady solution gone."""
+        """The state with the remaining deviations from the steady solution removed."""
         return x
 
     def state_distance(self, x: State, earlier: State) -> Scalar:
-        """How far apart [m] two states are, but for a constant shift of what nothing else depends on."""
+        """Distance [m] between two states, without the `shifting_components`."""
         away = jax.tree.map(lambda a, b, unit: jnp.abs(a - b) * unit, x, earlier, self.state_scale())
         fixed = [d for i, d in enumerate(jax.tree.leaves(away)) if i not in self.shifting_components()]
         return jnp.stack(fixed).max()
 
     def shifting_components(self) -> tuple[int, ...]:
-        """The components, counted as the leaves of the state, that nothing depends on: motion is the same elsewhere."""
+        """The components, counted as the leaves of the state, on which nothing depends: a shift changes no motion."""
         return ()
 
     def same_state(self, x: State, earlier: State, tolerance: ScalarLike) -> Truth:
-        """Whether both begin the same motion but for a constant shift, to within `tolerance` [m]."""
+        """Whether two states start the same motion but for a constant shift, to within `tolerance` [m]."""
         return self.state_distance(x, earlier) < tolerance
 
     def extra_error_terms(self, x: State, mode: Scalar) -> tuple[Term, ...]:
-        """What a step has to resolve besides the state, as displacements [m]."""
+        """Functions that a step has to resolve besides the state, as displacements [m]."""
         return ()
 
     def closed_components(self) -> tuple[int, ...]:
@@ -157,17 +157,17 @@ class AbstractHybridSystem(eqx.Module):
         return ()
 
     def exact(self, segment: InputSegment, t_local: ScalarLike, begin: State, elapsed: Scalar, end: State) -> State:
-        """`end`, `elapsed` [s] after `begin` at `t_local`, with what is known in closed form put right."""
+        """`end`, `elapsed` [s] after `begin` at `t_local`, the `closed_components` replaced by their exact values."""
         return end
 
     def has_closed_states(self) -> bool:
-        """Whether `closed_states` knows them, from the begin of the drive on, with nothing stepped."""
+        """Whether `closed_states` has the states without any step, from the start of the drive on."""
         return False
 
     def closed_states(self, times: Float[Array, " m"], segments: int) -> SampledStates:
-        """Where `has_closed_states`: those at `times` [s], none before 0.
+        """The states at `times` [s], none before 0; only where `has_closed_states`.
 
-        `segments` is how many of the drive's the times may reach into.
+        **Arguments:** `segments` is how many segments of the drive the times may reach into.
         """
         raise NotImplementedError(f"{type(self).__name__} knows no states in closed form")
 

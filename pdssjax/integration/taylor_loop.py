@@ -1,8 +1,8 @@
-"""The recurrence of `taylor_series` as a loop over the order, for many expansions side by side.
+"""The recurrence of `taylor_series` as a loop over the order, for many expansions at once.
 
-Unrolled, the code of a recurrence grows with the square of the order, and most of a prediction's
-time to compile went into it.  Here a field is evaluated once, on series, and what it did to them
-is recorded; a loop over the order then follows the tape.  Arrays have the expansions along their
+Unrolled, the code of a recurrence grows with the square of the order, and takes most of a prediction's
+time to compile.  Here a field is evaluated once, on series, and its operations on them are
+recorded as a tape; a loop over the order then replays it.  Arrays have the expansions along their
 last axis, and the order along their first, so that every operation runs along the expansions.
 """
 
@@ -27,22 +27,21 @@ _CONVOLVED: dict[Rule, tuple[int | None, int | None]] = {
     series.cosine_rule: (0, 1),
     series.sine_rule: (0, 1),
 }
-"""Rules that look back at all lower coefficients, and at which two series: of their operands or, None, their own."""
-
+"""Rules that sum over all lower coefficients of two series: of those operands, or None for the rule's own series."""
 
 Carry: TypeAlias = tuple[
     dict[int, Float[Array, "orders m"]], dict[int, Float[Array, " m"]], dict[int, Float[Array, " m"]]
 ]
-"""Of the stored nodes the coefficients of all orders up to k - 2 and those of order k - 1; of the components of the
-state that move those of order k."""
+"""Coefficients: of the stored nodes those up to order k - 2, then those of order k - 1; of the components of the state
+that vary those of order k."""
 
 
 class Node(NamedTuple):
-    """A series that was recorded."""
+    """A recorded series."""
 
     rule: Rule
     operands: tuple[int, ...]
-    """Where they stand in the tape."""
+    """Their places in the tape."""
     literals: tuple[ScalarLike | None, ...]
     """The numbers in the node, None for those that are arrays."""
 
@@ -52,7 +51,7 @@ class Tape(eqx.Module):
 
     nodes: tuple[Node, ...] = eqx.field(static=True)
     rates: tuple[int | None, ...] = eqx.field(static=True)
-    """Where the rate of each component stands; None for the integer 0."""
+    """The place of each component's rate; None for the integer 0."""
     numbers: list[list[Float[Array, " m"]]]
     """The numbers of each node that are arrays."""
     starts: list[Float[Array, " m"] | None]
@@ -60,9 +59,9 @@ class Tape(eqx.Module):
 
 
 def trace_field(field: Field, time: ScalarLike, state: Sequence[ScalarLike]) -> Tape:
-    """What `field(t, x)` does to the series of `time` and `state`, all of them scalars.
+    """The tape of what `field(t, x)` does to the series of `time` and `state`, all of them scalars.
 
-    The other arguments are those of `taylor_series.taylor_coefficients`.
+    **Arguments:** as of `taylor_series.taylor_coefficients`.
     """
     unknowns = [series.unknown(jnp.asarray(x, float)) for x in state]
     rates = field(series.polynomial([time, 1.0]), list(unknowns))
@@ -98,7 +97,7 @@ def trace_field(field: Field, time: ScalarLike, state: Sequence[ScalarLike]) -> 
 
 
 def _literal(number: float) -> float:
-    """The number as Python's, whole ones as they are: NumPy's are floats, too, but no static field takes them."""
+    """The number as a Python float, or an integer as it is: NumPy's floats must not be in a static field."""
     return number if isinstance(number, int) else float(number)
 
 
@@ -114,36 +113,37 @@ def looped_coefficients(tape: Tape, order: int, opaque_one: Float[Array, " m"]) 
     start = lambda i: 0 if tape.starts[i] is None else tape.starts[i]
     row = lambda x: jnp.broadcast_to(jnp.asarray(x, float), opaque_one.shape)
     rate_of = lambda i, rates, k: rates(tape.rates[i]) * (1.0 / (k * opaque_one))
-    moving = [i for i in components if not constant[i]]
-    kept = sorted(_looking_back(tape, constant) | set(moving))
-    # Coefficient i stands at order - i; behind it zeros, so that a shifted stretch never ends.
+    varying = [i for i in components if not constant[i]]
+    stored = sorted(_looking_back(tape, constant) | set(varying))
+    # Coefficient i stands at order - i, followed by zeros, so that a shifted slice never runs over the end.
     blank = jnp.zeros((2 * order, *opaque_one.shape))
 
     def next_order(k: Count, carry: Carry) -> Carry:
         buffers, before, now = carry
         # Written first and only read afterwards, the buffers are not copied.
-        buffers = {i: lax.dynamic_update_index_in_dim(buffers[i], before[i], order - k + 1, 0) for i in kept}
-        tracks = [
+        buffers = {i: lax.dynamic_update_index_in_dim(buffers[i], before[i], order - k + 1, 0) for i in stored}
+        entries = [
             _TapeEntry(start(i), constant[i], buffers.get(i), order, now.get(i, 0)) for i in range(len(tape.nodes))
         ]
         for i in range(len(components), len(tape.nodes)):
-            tracks[i].compute_coefficient(tape, i, tracks, k, opaque_one)
-        after = {i: row(rate_of(i, lambda j: tracks[j][k], k + 1)) for i in moving}
-        return buffers, {i: row(tracks[i][k]) for i in kept}, after
+            entries[i].compute_coefficient(tape, i, entries, k, opaque_one)
+        after = {i: row(rate_of(i, lambda j: entries[j][k], k + 1)) for i in varying}
+        return buffers, {i: row(entries[i][k]) for i in stored}, after
 
-    first = {i: row(rate_of(i, start, 1)) for i in moving}
-    carry = dict.fromkeys(kept, blank), {i: row(start(i)) for i in kept}, first
+    first = {i: row(rate_of(i, start, 1)) for i in varying}
+    carry = dict.fromkeys(stored, blank), {i: row(start(i)) for i in stored}, first
     buffers, before, last = lax.fori_loop(1, order, next_order, carry)
-    return [
-        jnp.concatenate([row(start(i))[None], jnp.zeros((order, *opaque_one.shape))])
-        if constant[i]
-        else jnp.concatenate([buffers[i][order:1:-1], before[i][None], last[i][None]])
-        for i in components
-    ]
+
+    def coefficients(i: int) -> Float[Array, "coefficients m"]:
+        if constant[i]:
+            return jnp.concatenate([row(start(i))[None], jnp.zeros((order, *opaque_one.shape))])
+        return jnp.concatenate([buffers[i][order:1:-1], before[i][None], last[i][None]])
+
+    return [coefficients(i) for i in components]
 
 
 class _TapeEntry:
-    """A series within the loop: its coefficients 0 and k, and those before k if anything looks back at them."""
+    """A series within the loop: its coefficients 0 and k, and those before k if a rule sums over them."""
 
     def __init__(
         self, start: ScalarLike, constant: bool, buffer: Float[Array, "orders m"] | None, order: int, now: ScalarLike
@@ -151,7 +151,7 @@ class _TapeEntry:
         self._start, self._constant, self._buffer, self._order, self._now = start, constant, buffer, order, now
 
     def compute_coefficient(
-        self, tape: Tape, i: int, tracks: Sequence["_TapeEntry"], k: Count, opaque_one: Float[Array, " m"]
+        self, tape: Tape, i: int, entries: Sequence["_TapeEntry"], k: Count, opaque_one: Float[Array, " m"]
     ) -> None:
         """Coefficient k, once those of the operands are known."""
         node = tape.nodes[i]
@@ -162,7 +162,7 @@ class _TapeEntry:
         if node.rule is series.polynomial_rule:
             self._now = series.total(jnp.where(k == j, c, 0.0) for j, c in enumerate(numbers) if j > 0)
             return
-        now = node.rule(k, self, tuple(tracks[j] for j in node.operands), numbers)
+        now = node.rule(k, self, tuple(entries[j] for j in node.operands), numbers)
         # A division is done once; without it XLA repeats the whole sum in every place that needs it.
         self._now = now / opaque_one if node.rule in _CONVOLVED and not is_zero(now) else now
 
@@ -196,7 +196,7 @@ def _constants(tape: Tape) -> list[bool]:
         elif node.rule is series.polynomial_rule:
             constant.append(all(is_zero(number) for number in node.literals[1:]))
         else:
-            # Cosine and sine are each other's operands: the one that comes later goes by the one before.
+            # Cosine and sine are each other's operands: the later one counts as constant if the earlier one is.
             constant.append(all(constant[j] for j in node.operands if j < i))
     return constant
 

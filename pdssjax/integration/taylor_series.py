@@ -182,11 +182,11 @@ def taylor_coefficients(
     rates = field(polynomial([time, 1.0]), known)
     for k in range(order):
         orders = [rate[k] if isinstance(rate, Series) else (rate if k == 0 else 0) for rate in rates]
-        moving = [i for i, c in enumerate(orders) if not is_zero(c)]
+        varying = [i for i, c in enumerate(orders) if not is_zero(c)]
         part = 1.0 / (k + 1) * opaque_one
-        vector = jnp.stack([jnp.asarray(orders[i], float) for i in moving]) * part if moving else None
+        vector = jnp.stack([jnp.asarray(orders[i], float) for i in varying]) * part if varying else None
         for i, series in enumerate(known):
-            series.append(vector[moving.index(i)] if vector is not None and i in moving else 0)
+            series.append(vector[varying.index(i)] if vector is not None and i in varying else 0)
     return [[series[k] for k in range(order + 1)] for series in known]
 
 

@@ -17,7 +17,7 @@ from ..taylor_series import Field
 
 
 class Piece(NamedTuple):
-    """A step that was attempted."""
+    """An attempted step."""
 
     polynomials: Polynomials
     step_size: Scalar
@@ -28,7 +28,7 @@ class Piece(NamedTuple):
 
 
 class KnownStep(NamedTuple):
-    """A step of which the length is known, but no polynomial."""
+    """A step whose length is known, but not its polynomials."""
 
     field: Field
     t_local: Scalar
@@ -41,16 +41,16 @@ class KnownStep(NamedTuple):
 
 
 class AbstractStepMethod(eqx.Module):
-    """How a smooth piece is advanced.
+    """A way to advance a smooth piece of the motion by one step.
 
-    The state `x` is a scalar a component, and so are the `units` that turn each component into tolerances.
+    The state `x` is a list of scalars, and so are the `units`, which turn each component into tolerances.
     `opaque_one` is a 1 unknown to the compiler: see `taylor_series`.
     """
 
     velocity_noise: ClassVar[float]
-    """Tolerances below which the sign of a small velocity means nothing: its reversals are not events."""
+    """Amplitude in tolerances below which the sign of a velocity means nothing: its reversals are not events."""
     second_derivative_factor: ClassVar[float]
-    """Factor on the tolerances for second derivatives, above where rounding decides how long a step is."""
+    """Factor on the tolerances for second derivatives; below it rounding would decide how long a step is."""
 
     @property
     @abc.abstractmethod
@@ -68,15 +68,15 @@ class AbstractStepMethod(eqx.Module):
         proposed_step: Scalar,
         opaque_one: Scalar,
     ) -> Piece:
-        """A step from `x` at time `t_local`, over `remaining` [s] at most; `proposed_step` [s] is asked for."""
+        """A step from `x` at time `t_local`, over `remaining` [s] at most; `proposed_step` [s] is a suggestion."""
 
     @abc.abstractmethod
     def expand(
         self, step: Callable[..., KnownStep], *rows: Float[Array, "rows ..."]
     ) -> list[Float[Array, "coefficients rows"]]:
-        """Many steps again, side by side and differentiable.
+        """The polynomials of many steps at once, differentiable.
 
-        `step` says from one row of each of `rows` which step it is.
+        **Arguments:** `step` makes a step from one row of each of the `rows`.
 
         **Returns:** for each component the coefficients in the time [s], lowest first, shape (degree + 1, rows), in
         the unit of the component.

@@ -1,11 +1,11 @@
-"""Collocation at Chebyshev points, by Picard iteration: a field is asked for values alone, whatever it is made of.
+"""Collocation at Chebyshev points, by Picard iteration: it needs only values of the field, which any code may give.
 
-The step is a polynomial that keeps the field's equation at every point, so that what is read off between its ends, and
-the events located on it, are as good as its end (C. W. Clenshaw and H. J. Norton, Computer Journal 6(1), 1963).
+The step is a polynomial that satisfies the field's equation at every point, so that states between its ends, and
+the events located on it, are as accurate as its end (C. W. Clenshaw and H. J. Norton, Computer Journal 6(1), 1963).
 """
 
 from collections.abc import Callable, Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, TypeAlias
 
 import equinox as eqx
 import jax
@@ -22,15 +22,11 @@ _ITERATIONS = 24
 """Over the `span` of a step the error of a linear field falls to span^24/24!, which is rounding."""
 
 _ROUNDING = 1e-14
-"""Part of a component's size in a step below which its error is rounding, and no shorter step makes it less."""
+"""Part of a component's size in a step below which its error is rounding, which no shorter step reduces."""
 
 
-class Collocated(NamedTuple):
-    """A step as values at the points."""
-
-    values: Float[Array, "nodes components"]
-    change: Float[Array, " components"]
-    """Largest change by the last iteration."""
+Collocated: TypeAlias = tuple[Float[Array, "nodes components"], Float[Array, " components"]]
+"""A step as values at the points, and their largest change by the last iteration."""
 
 
 class Picard(AbstractStepMethod):
@@ -55,11 +51,11 @@ class Picard(AbstractStepMethod):
         opaque_one: Scalar,
     ) -> Piece:
         step_size = jnp.minimum(proposed_step, remaining)
-        found = self._collocated(field, t_local, x, step_size)
-        tail = jnp.max(jnp.abs((jnp.asarray(basis(self.degree).to_chebyshev) @ found.values)[-2:]), axis=0)
+        values, change = self._collocated(field, t_local, x, step_size)
+        tail = jnp.max(jnp.abs((jnp.asarray(basis(self.degree).to_chebyshev) @ values)[-2:]), axis=0)
         scale = jnp.stack(units)
-        allowed = jnp.maximum(1.0 / scale, _ROUNDING * jnp.max(jnp.abs(found.values), axis=0))
-        size = jnp.max(jnp.maximum(tail, found.change) / allowed)
+        allowed = jnp.maximum(1.0 / scale, _ROUNDING * jnp.max(jnp.abs(values), axis=0))
+        size = jnp.max(jnp.maximum(tail, change) / allowed)
         size = jnp.where(jnp.isfinite(size), size, 1e30)
         factor = jnp.clip(0.8 * (size + 1e-30) ** (-1.0 / self.degree), 0.1, 20.0)
         accepted = size <= 1.0
@@ -68,15 +64,15 @@ class Picard(AbstractStepMethod):
             jnp.maximum(proposed_step, step_size * factor),
             step_size * factor,
         )
-        return Piece(self._polynomials(found, step_size, x), step_size, accepted, grown)
+        return Piece(self._polynomials(values, step_size, x), step_size, accepted, grown)
 
     def expand(
         self, step: Callable[..., KnownStep], *rows: Float[Array, "rows ..."]
     ) -> list[Float[Array, "coefficients rows"]]:
         def again(*row: Float[Array, "..."]) -> Polynomials:
             known = step(*row)
-            found = self._collocated(known.field, known.t_local, known.x, known.step_size)
-            return self._polynomials(found, known.step_size, known.x)
+            values, _ = self._collocated(known.field, known.t_local, known.x, known.step_size)
+            return self._polynomials(values, known.step_size, known.x)
 
         return [jnp.stack(coefficients) for coefficients in jax.vmap(again)(*rows)]
 
@@ -88,16 +84,18 @@ class Picard(AbstractStepMethod):
         def rates(time: Scalar, state: Float[Array, " components"]) -> Float[Array, " components"]:
             return jnp.stack([jnp.asarray(constant(rate), float) for rate in field(time, tuple(state))])
 
-        def iterate(_: int, found: Collocated) -> Collocated:
-            values = start + step_size * (jnp.asarray(points.integral) @ jax.vmap(rates)(times, found.values))
-            return Collocated(values, jnp.max(jnp.abs(values - found.values), axis=0))
+        def iterate(_: int, last: Collocated) -> Collocated:
+            values = start + step_size * (jnp.asarray(points.integral) @ jax.vmap(rates)(times, last[0]))
+            return values, jnp.max(jnp.abs(values - last[0]), axis=0)
 
-        first = Collocated(jnp.broadcast_to(start, (self.degree + 1, len(x))), jnp.zeros_like(start))
+        first = jnp.broadcast_to(start, (self.degree + 1, len(x))), jnp.zeros_like(start)
         return lax.fori_loop(0, _ITERATIONS, iterate, first)
 
-    def _polynomials(self, found: Collocated, step_size: Scalar, x: Sequence[Scalar]) -> Polynomials:
-        # A step without length is at its start; the powers of one near it would not be finite.
+    def _polynomials(
+        self, values: Float[Array, "nodes components"], step_size: Scalar, x: Sequence[Scalar]
+    ) -> Polynomials:
+        # A step of no length stays at its start; the powers of a tiny length would not be finite.
         unit = jnp.where(step_size > 1e-18, step_size, 1.0)
-        powers = basis(self.degree).powers(found.values) / unit ** jnp.arange(self.degree + 1.0)[:, None]
+        powers = basis(self.degree).powers(values) / unit ** jnp.arange(self.degree + 1.0)[:, None]
         powers = jnp.where(step_size > 1e-18, powers, 0.0)
         return [[x[i], *(powers[k, i] for k in range(1, self.degree + 1))] for i in range(len(x))]
