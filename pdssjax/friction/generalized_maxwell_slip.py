@@ -24,7 +24,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
-from ..integration import Term, constant
+from ..integration import N, Term, constant
 from ._relaxation import relax
 from ._search_ranges import lugre_ranges, stribeck_range
 from ._stribeck_curve import stribeck_curve, stribeck_guard
@@ -78,6 +78,10 @@ class GeneralizedMaxwellSlip(AbstractFriction):
     def _strengths(self) -> tuple[float, float, float, float]:
         return self.strength_1, self.strength_2, self.strength_3, self.strength_4
 
+    def _elements(self, state: tuple[N, ...]) -> list[tuple[N, N, float, float]]:
+        """Stretch [m], flag of slipping, stiffness [N/m] and breakaway force [N] of each element."""
+        return list(zip(state[:_COUNT], state[_COUNT:-1], self._stiffnesses(), self._strengths(), strict=True))
+
     def _remaining(self, v: Term) -> Term:
         """s(v) / W."""
         return stribeck_curve(v, self.weakened, 1.0, self.v_s)
@@ -86,9 +90,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         total = sum(self._strengths())
         level = self._remaining(v) * total
         rates = []
-        for z, slips, k, w in zip(
-            state[:_COUNT], state[_COUNT:-1], self._stiffnesses(), self._strengths(), strict=True
-        ):
+        for z, slips, k, w in self._elements(state):
             attracted = (sign * w / total - z * k / level) * (self.attraction / k)
             rates.append(v * (1.0 - slips) + attracted * slips)
         return (*rates, *(0 for _ in range(_COUNT + 1)))
@@ -128,10 +130,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
     def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         remaining = self._remaining(v)
         elements = (
-            (remaining * w - z * (sign * k)) * (1.0 - slips) + slips
-            for z, slips, k, w in zip(
-                state[:_COUNT], state[_COUNT:-1], self._stiffnesses(), self._strengths(), strict=True
-            )
+            (remaining * w - z * (sign * k)) * (1.0 - slips) + slips for z, slips, k, w in self._elements(state)
         )
         return (*elements, stribeck_guard(state[-1], v, sign, self.v_s))
 
@@ -150,9 +149,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         remaining = jnp.asarray(constant(self._remaining(v)), float)
         decay = self.attraction / (remaining * sum(self._strengths())) * elapsed
         stretches, flags = [], []
-        for z, slips, k, w in zip(
-            state[:_COUNT], state[_COUNT:-1], self._stiffnesses(), self._strengths(), strict=True
-        ):
+        for z, slips, k, w in self._elements(state):
             limit, reach = remaining * w / k, sign * (z + v * elapsed)
             sticking = sign * jnp.minimum(reach, limit)
             stretches.append(jnp.where(slips > 0.0, relax(z, sign * limit, decay), sticking))

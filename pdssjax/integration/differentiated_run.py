@@ -31,7 +31,7 @@ from .accuracy import Accuracy
 from .forward_pass import find_steps
 from .polynomials import horner
 from .sensitivities import Keep, StepDerivatives, differentiated_steps
-from .step_table import KNOWN_COLUMNS, LoopState, Row, Table, TakenSteps, read
+from .step_table import KNOWN_COLUMNS, LoopState, Row, TakenSteps, read
 from .system import AbstractHybridSystem
 from .tiles import read_by_blocks, tiled
 
@@ -172,13 +172,17 @@ def _run_derivatives(
     table, loop = find_steps(eqx.combine(varied, fixed), horizon, accuracy) if known is None else known
     size = table.shape[1] - KNOWN_COLUMNS
     carry, tile = differentiated_steps(varied, fixed, accuracy, keep, size, order)
-    end = end_of(loop)
+    end = jnp.stack([loop.origin, loop.t_local, *loop.x])
     if times is None:
         ends, steps = tiled(tile, carry, table, loop.count)
         polynomials = tuple((derivative,) for derivative in steps.polynomials)
         starts = tuple(tuple(derivative[:, i] for i in range(size)) for derivative in (table, *steps.starts))
         return RunDerivatives(starts, (end, *ends), polynomials), RunFacts(read(table.T), jnp.zeros(0), loop)
-    rows, laps = _located(table, loop, times)
+    start = lambda rows: table[rows, 0] + table[rows, 1]
+    run = loop.count, len(table), table[loop.period, 0], end[0] + end[1], loop.repeats
+    row, laps = locate_times(start, *run, times)
+    # The step that opened the repeated period comes first.
+    rows = jnp.concatenate([loop.period[None], row])
     first = tuple(table[rows, i] for i in range(size))
     elapsed = time_since_starts(first, end, times, laps)
 
@@ -187,7 +191,6 @@ def _run_derivatives(
         here = [_rows_of(rows, polynomials) for polynomials in found.polynomials]
         return starts, [[_at(here[i], elapsed, j) for j in range(order - i + 1)] for i in range(order + 1)]
 
-    # The opening of the period comes first, for its start alone.
     elapsed = jnp.concatenate([jnp.zeros(1), elapsed])
     ends, (starts, outputs) = read_by_blocks(tile, carry, table, loop.count, read_block, rows, 1 + wanted, elapsed)
     outputs = jax.tree.map(lambda a: a[1:], outputs)
@@ -276,20 +279,6 @@ def _select_parameters(derivative: Array, varied_before: Bool[np.ndarray, " para
     for axis in range(derivative.ndim - order, derivative.ndim):
         derivative = jnp.take(derivative, np.flatnonzero(varied_before), axis)
     return derivative
-
-
-def end_of(loop: LoopState) -> Float[Array, " start"]:
-    """Where a run ended, as a next step would start: origin, local time and state."""
-    return jnp.stack([loop.origin, loop.t_local, *loop.x])
-
-
-def _located(table: Table, loop: LoopState, times: Float[Array, " m"]) -> tuple[Int[Array, " m+1"], Float[Array, " m"]]:
-    """The step that opened the repeated period, then those within which `times` [s] lie; and the laps."""
-    end = end_of(loop)
-    start = lambda rows: table[rows, 0] + table[rows, 1]
-    run = loop.count, len(table), table[loop.period, 0], end[0] + end[1], loop.repeats
-    row, laps = locate_times(start, *run, times)
-    return jnp.concatenate([loop.period[None], row]), laps
 
 
 def locate_times(

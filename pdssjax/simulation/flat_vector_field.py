@@ -13,7 +13,7 @@ from ..actuator import Actuator
 from ..core import InputError, Scalar, ScalarLike, require_float64
 from ..drive.base import AbstractDrive, Segment
 from ..friction.base import AbstractFriction
-from ..integration import Accuracy, unflattener
+from ..integration import Accuracy, flat, unflattener
 from .steady_cycles import checked_arguments
 from .systems._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState
 from .systems._sticking import mode_from_rest
@@ -167,5 +167,4 @@ def _part_with_events(system: StickSlip) -> str:
 def _initial(system: StickSlip) -> Float[Array, " components"]:
     """The components of the state in which the first segment begins."""
     zero = jnp.zeros(())
-    x, _ = system.on_segment_start(system.segment(zero), system.initial(), zero)
-    return jnp.stack([jnp.asarray(leaf, float) for leaf in jax.tree.leaves(x)])
+    return flat(system.on_segment_start(system.segment(zero), system.initial(), zero)[0])

@@ -19,21 +19,21 @@ _SMALL = 1e-9
 
 
 def grazing(
-    system: StickSlip, moving: AbstractHybridSystem, run: SteppedRun, inside: Bool[Array, " room"] | None = None
+    system: StickSlip, integrated: AbstractHybridSystem, run: SteppedRun, inside: Bool[Array, " room"] | None = None
 ) -> Scalar:
     """Distance of the nearest reversal of a `run` from grazing, between 0 (it grazes) and 1 [1].
 
     With the relative acceleration a at the reversal and its rate b the velocity is near a t + b t^2 / 2: it would
     turn again after 2 a / b.  That, in units of the slowest oscillation's 1/w, is small where the reversal grazes.
 
-    **Arguments:** `moving` is what was integrated: the `system`, or the system from a later time on.  Only the steps
-    `inside` count, all of them by default.
+    **Arguments:** `integrated` is the system of the run: the `system`, or the system from a later time on.  Only the
+    steps `inside` count, all of them by default.
     """
     steps, unit = run.steps, system.state_scale().v
     ends = jnp.roll(steps.x, -1, axis=0)
 
     def nearness(index: Scalar, mode: Scalar, at: Scalar, x: Float[Array, " components"]) -> Scalar:
-        segment = cast(Segment, moving.segment(index))
+        segment = cast(Segment, integrated.segment(index))
 
         def acceleration(after: Scalar) -> Scalar:
             state = jax.tree.unflatten(jax.tree.structure(system.initial()), list(x))

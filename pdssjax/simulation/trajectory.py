@@ -133,33 +133,32 @@ def _simulated(
     """The result of `simulate`, compiled once for all numbers of the models."""
     system, times = StickSlip(actuator, drive), jnp.asarray(times, float)
     if cycles is None:
-        moving, repeats, near, clock = system, None, None, times
+        run, time_of_drive = sample_run(system, times, fine), times
+        repeated, grazing = run.repeats, None
     else:
-        moving, steady = steady_system(actuator, drive, fine)
-        repeats, near, clock = (
-            steady.period > 0,
-            steady.grazing,
-            times + 1.0 / jnp.asarray(drive.cycle_frequency(), float),
-        )
-    run = sample_run(moving, times, fine)
+        in_steady_cycle, steady = steady_system(actuator, drive, fine)
+        # A drive repeats from its second cycle on: the first may lack the fast flank.
+        time_of_drive = times + 1.0 / jnp.asarray(drive.cycle_frequency(), float)
+        run = sample_run(in_steady_cycle, times, fine)
+        repeated, grazing = steady.period > 0, steady.grazing
     x, segment, t_local, mode = run.states
-    shown = from_rest(times, run.failure)
+    masked = from_rest(times, run.failure)
     friction = jax.vmap(system.force)(segment, t_local, x, mode)
     y, w = jax.vmap(actuator.driven_platform.platform)(x.driven)
     return Trajectory(
         time=times,
-        voltage=drive.at(clock),
-        platform=shown(y),
-        effector=shown(y - x.d),
-        platform_velocity=shown(w),
-        effector_velocity=shown(w - x.v),
-        friction=shown(friction),
+        voltage=drive.at(time_of_drive),
+        platform=masked(y),
+        effector=masked(y - x.d),
+        platform_velocity=masked(w),
+        effector_velocity=masked(w - x.v),
+        friction=masked(friction),
         steps=run.count,
         rejected=run.rejected,
         events=run.events,
-        repeated=run.repeats if repeats is None else repeats,
+        repeated=repeated,
         failure=run.failure,
-        grazing=near,
+        grazing=grazing,
     )
 
 
@@ -172,8 +171,8 @@ def displacements(
     run = sample_run(system, times, accuracy, keep)
     x = run.states.x
     y, _ = jax.vmap(actuator.driven_platform.platform)(x.driven)
-    shown = from_rest(times, run.failure)
-    return shown(y), shown(y - x.d)
+    masked = from_rest(times, run.failure)
+    return masked(y), masked(y - x.d)
 
 
 def platform(
