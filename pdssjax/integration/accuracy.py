@@ -27,7 +27,7 @@ class Accuracy(eqx.Module):
     settle_tolerance: ScalarLike = eqx.field(default=3e-14, converter=as_number)
     """Deviation [m] from the steady solution below which the remainder of a segment is not stepped.
 
-    Well below the accuracy of the motion: derivatives of what rings exceed it by the angle it has turned.
+    Well below the accuracy of the motion: the derivatives of an oscillation exceed it by a factor of its phase [rad].
     """
     method: AbstractStepMethod = Taylor()
     """The one-step method for the smooth pieces."""

@@ -142,7 +142,7 @@ def differentiable_run(
 ) -> tuple[Starts, Float[Array, " start"], Float[Array, "..."], RunFacts]:
     """A run of `system`, differentiable in its floating-point leaves and in the `times` [s].
 
-    **Returns:** the starts, the end, the components kept, and what has no derivative. Where `times` is None starts and
+    **Returns:** the starts, the end, the components kept, and what has no derivative.  Where `times` is None starts and
     polynomials, shape (room, kept, coefficients), are those of every step.  Otherwise the starts are those of the
     repeated period and of the steps of the times, and the components are values, shape (m, kept); those of times
     beyond the wanted ones of the `extent` are unknown.

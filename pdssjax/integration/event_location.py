@@ -21,7 +21,7 @@ Place: TypeAlias = tuple[Guards, Guards, Guards]
 """A time [s], and the value and the slope [1/s] that each guard has there."""
 
 LOOK_AHEAD = 1e-9
-"""Time [s] by which a tie is broken: far below every time constant.  What a guard does within it is rounding."""
+"""Time [s] by which a tie is broken, far below every time constant: the changes of a guard within it are rounding."""
 
 _SAMPLES = 6
 """Intervals of a step at whose ends the sign of the guard is examined."""
@@ -54,9 +54,9 @@ def first_crossing(guards: tuple[Series, ...], size: int, step_size: Scalar) -> 
     **Returns:** that time; whether a guard falls there; and which.  Where a guard is so flat that its root is not
     located yet, the time is a little before it and none falls: the next step begins there.
 
-    Right after an event a guard starts from zero; one power of the time is then divided out,
-    which takes the root at the start away.  Where what is left falls short of zero by rounding,
-    and is above it within `LOOK_AHEAD`, one or two more are.  The end of the step itself is no crossing.
+    Right after an event a guard starts from zero: one power of the time is then divided out, and with it the root at
+    the start.  Where the quotient starts below zero by rounding only, and is above it within `LOOK_AHEAD`, one or two
+    more powers are.  The end of the step itself is no crossing.
     """
     if not guards:
         return step_size, jnp.zeros((), bool), jnp.zeros(())
@@ -152,7 +152,7 @@ def _crossing(g: _Deflated, step_size: Scalar) -> Guards:
     rounding = -_ROUNDING * places[1][1]
     rises = (value >= 0.0) & (g.value(0.5 * root) > _RISES * rounding)
     at_once = (rounding > 0.0) & (value <= rounding) & ~rises
-    # Halfway, where the guard is far from what the next step would take for zero.
+    # The step ends halfway to the root, where the guard is so large that the next step cannot take it for zero.
     halfway = 0.5 * (begin + root)
     located = (moved <= _LOCATED * step_size) | (halfway <= _ADVANCE * step_size)
     return choose(found | falls, choose(at_once, 0.0, choose(located, root, -halfway)), jnp.inf)
@@ -208,7 +208,7 @@ def _newton(
 
     **Arguments:** `at` gives value and slope at a time; `root` is the first guess.
     """
-    # What a kernel computes twice may differ by rounding: at a root found, the bracket and the step may disagree.
+    # A value that a kernel computes twice may differ by rounding, so that a converged step may leave the bracket.
     moved, slack = root, _ROUNDING * (high - low)
     for _ in range(iterations):
         value, rate = at(root)

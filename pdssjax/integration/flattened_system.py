@@ -20,7 +20,7 @@ from .system import AbstractHybridSystem, State
 from .taylor_series import Series, Term, constant, polynomial, weighted
 
 _FIRST_MODE = 3
-"""The integrator's number for the user's mode 0: its own 0 is the mode before the start, 2 that of what has settled."""
+"""The integrator's number for the user's mode 0: its own 0 is the mode before the start, and 2 is `SETTLED`."""
 
 _GUARD_DEGREE = 16
 """Degree of the polynomial through a guard along a step."""
@@ -182,7 +182,7 @@ class FlattenedSystem(AbstractHybridSystem):
         return tuple(1.0 / (self.atol + self.rtol * jnp.abs(jnp.stack(x))))
 
     def _time(self, segment: Stretch, t_local: Term) -> Any:
-        """The user's time; kept strictly inside the segment, so that a field with a jump has the side it belongs to."""
+        """The user's time, strictly inside the segment, so that a field that jumps at a corner is on the right side."""
         begin, end = segment.begin, segment.begin + segment.duration
         if isinstance(t_local, Series):
             return self.t0 + self.span * (begin + t_local)
@@ -203,8 +203,8 @@ class FlattenedSystem(AbstractHybridSystem):
         """The user's modes for those of the integrator."""
         return jnp.asarray(modes).astype(int) - _FIRST_MODE
 
-    def _following(self, found: Any, what: str) -> tuple[State, Scalar]:
-        where = f"{type(self.system).__name__}.{what}"
+    def _following(self, found: Any, method: str) -> tuple[State, Scalar]:
+        where = f"{type(self.system).__name__}.{method}"
         if not (isinstance(found, tuple) and len(found) == 2):
             raise InputError(f"{where}: found {found!r:.80}, expected the pair (state, mode) that follows.")
         return tuple(self.layout.joined(found[0], where)), jnp.asarray(found[1], float) + _FIRST_MODE

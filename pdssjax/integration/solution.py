@@ -42,9 +42,9 @@ class Steps(NamedTuple):
     """Segment of the drive, counted from 0."""
     mode: Float[Array, " room"]
     step_size: Float[Array, " room"]
-    """Length for which the polynomials were made [s]."""
+    """Length over which the polynomials are accurate [s]."""
     duration: Float[Array, " room"]
-    """Length for which they are used: up to an event, a corner or the step radius [s]."""
+    """Length over which they are used: up to an event, a corner or the end of that length [s]."""
     origin: Float[Array, " room"]
     """Time at which the segment begins [s]."""
     t_local: Float[Array, " room"]
@@ -52,7 +52,7 @@ class Steps(NamedTuple):
     x: Float[Array, "room components"]
     """State at the beginning."""
     polynomials: Float[Array, "room kept coefficients"]
-    """Polynomials of the components kept, in (time - begin)/step_size, lowest power first."""
+    """Polynomials of the components kept, in the time since the step's start [s], lowest power first."""
     event: Bool[Array, " room"]
     """Whether an event ended the step."""
     which: Int[Array, " room"]

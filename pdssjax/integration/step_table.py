@@ -105,7 +105,7 @@ class Row(NamedTuple):
 
 
 def read(row: Float[Array, " columns"]) -> Row:
-    """The named values of a row, or of the transposed table: then each has the rows as its axis."""
+    """A row by names; of the transposed table every value has the axis of the rows."""
     size = row.shape[0] - KNOWN_COLUMNS
     origin, t_local, *x = row[:size]
     index, mode, step_size, duration, code = lax.stop_gradient(row[size:])

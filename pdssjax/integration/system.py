@@ -1,4 +1,4 @@
-"""The contract of a hybrid system: what the integrator asks of whatever it integrates."""
+"""The contract of a hybrid system: what the integrator requires of the systems that it integrates."""
 
 import abc
 from collections.abc import Callable, Iterable
@@ -105,8 +105,8 @@ class AbstractHybridSystem(eqx.Module):
     def rates(self, segment: InputSegment, t_local: Scalar, x: State, mode: Scalar) -> State:
         """The true time derivative of the state, scalars, in every mode, for outputs and plots.
 
-        In `SETTLED` the `field` leaves out what `exact` knows, such as a platform that rings on below a contact
-        that sticks; a system for which the two differ says here what the field would be.
+        In `SETTLED` the `field` leaves out the components that `exact` knows, such as a platform that rings on below a
+        contact that sticks.  A system for which the two differ overrides this.
         """
         rates = self.field(segment, t_local, x, mode)
         return jax.tree.map(lambda value, rate: jnp.asarray(rate, float) + 0.0 * value, x, rates)
