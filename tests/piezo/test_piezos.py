@@ -156,7 +156,12 @@ def test_a_lag_follows_powers_of_time_to_rounding(degree):
     check(lambda x, _: jnp.stack(lag_response(x, degree)), TIMES, [None] * TIMES.size, degree)
 
 
-# By default `test_piezos` holds an oscillator under lines, and `test_composed` a lag under powers, against SciPy.
+@pytest.mark.parametrize("damping", [0.3, 3.0])
+def test_an_oscillator_follows_a_cube_of_time_to_rounding(damping):
+    expected = np.array([followed(x, damping, 3) for x in TIMES]).T
+    np.testing.assert_allclose(oscillator_response(jnp.asarray(TIMES), jnp.asarray(damping), 3), expected, rtol=4e-13)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("degree", [1, 3, 9])
 def test_an_oscillator_follows_powers_of_time_to_rounding(degree):
