@@ -77,6 +77,18 @@ def test_every_start_guessed_from_four_kinds_is_within_a_factor_of_four(rig):
         assert 0.25 < starts[path] / true[path] < 4.0, path
 
 
+def test_a_stop_is_guessed_as_stiff_as_the_force_rises_with_the_platform_while_the_contact_sticks(tmp_path):
+    file = tmp_path / "study.toml"
+    file.write_text(four_kinds.plan(records=("blocked",)))
+    planned = pdssjax.load_study(file, virtual=True)
+    study, true = planned.with_starts({"stop.stiffness": None}), planned.values()
+    (record,) = study.records
+    pressed = true["stop.stiffness"] * true["piezo.gain"] * record.drive.sampled_at(record.time)
+    blocked = dataclasses.replace(record, measured=np.minimum(pressed, 0.05))
+    starts, _ = guess_starts(study.models, study.parameters, [blocked])
+    assert starts["stop.stiffness"] == pytest.approx(true["stop.stiffness"], rel=1e-6)
+
+
 def test_steps_of_the_platform_alone_tell_its_piezo_and_say_that_they_tell_nothing_else(step):
     study, true = step
     estimate = pdssjax.identify(study)

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from marks import slow
-from voltages import INTERVAL, SHAPES, check, first_rise, samples
+from voltages import INTERVAL, SHAPES, check, first_rise, samples, sawtooth
 
 from pdssjax.metrics import detect_waveform, flicker_of
 
@@ -48,6 +48,16 @@ def test_a_drive_about_a_bias_that_runs_is_counted_from_its_end_nearer_to_zero(n
     check(found, kind, 7.3, voltage, numbers, direction)
     assert found.numbers["voltage"] == pytest.approx(voltage, rel=1e-3)
     assert found.counted_from == pytest.approx(low, abs=3e-4 * abs(voltage))
+
+
+def test_a_level_known_to_its_noise_tells_flanks_to_that_over_the_slope():
+    time, noise, voltage = INTERVAL * np.arange(5000), 0.5, 60.0
+    volts = voltage * sawtooth(np.mod(5.0 * time, 1.0), 2.5e-3, False)
+    volts += noise * np.random.default_rng(1).normal(size=time.size)
+    (_, alone), (_, biased) = (detect_waveform(time, volts + bias).timing.errors for bias in (0.0, 40.0))
+    # The lowest voltage is that of one sample in each of two and a half cycles.
+    widened = noise / np.sqrt(2.5) / (voltage * 5.0)
+    assert biased == pytest.approx(np.hypot(alone, widened), rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["cycloid forward", "cycloid backward"])
