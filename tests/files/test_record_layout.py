@@ -120,14 +120,10 @@ def test_a_time_that_is_no_number_may_be_excluded_too(tmp_path):
         step_of(tmp_path, columns, "gap.csv")
 
 
-def slow_and_fast(count=20_000, interval=1e-4):
-    """A slow motion [um], and one faster than half the rate of what is kept of it."""
-    time = interval * np.arange(count)
-    return time, 3.0 * np.sin(2 * np.pi * 5.0 * time), np.sin(2 * np.pi * 990.0 * time)
-
-
 def test_decimation_keeps_what_is_slow_and_stops_what_would_fold(tmp_path):
-    time, slow, fast = slow_and_fast()
+    time = 1e-4 * np.arange(20_000)
+    # The second one is faster than half the rate of what is kept.
+    slow, fast = 3.0 * np.sin(2 * np.pi * 5.0 * time), np.sin(2 * np.pi * 990.0 * time)
     rows = "".join(f"{t:.6f},{x:.6f}\n" for t, x in zip(time, slow + fast, strict=True))
     (tmp_path / "long.csv").write_text("time_s,displacement_um\n" + rows)
     columns = 'columns = { time = "time_s", displacement = "displacement_um" }\ndecimate = 10'

@@ -5,7 +5,10 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
+import pytest
 from record_tables import sawtooth_table, step_table
+
+from pdssjax import InputError, load_study
 
 _HEAD = """\
 format = "pdssjax-study/1"
@@ -50,6 +53,16 @@ def write_study(folder: Path, study: str = STUDY, step: str = csv(5e-5, 40), wal
     path = folder / "study.toml"
     path.write_text(study)
     return path
+
+
+def check_refused(path: Path, *essentials: str) -> None:
+    """The study at `path` is refused in two lines at most, which name its folder and contain the `essentials`."""
+    with pytest.raises(InputError) as caught:
+        load_study(path)
+    message = str(caught.value)
+    assert message.count("\n") <= 1
+    for essential in [str(path.parent), *essentials]:
+        assert essential in message
 
 
 def write_estimate(folder: Path, values: Mapping[str, float], **more: object) -> Path:
