@@ -329,19 +329,3 @@ def test_the_command_asks_all_its_questions_at_once_and_writes_nothing(tmp_path,
     errors = capsys.readouterr().err.splitlines()
     assert len(errors) == 3 and all(line.startswith("pdssjax: error: ") for line in errors)
     assert not (tmp_path / "rig").exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (["--unit", "speed=m"], "option --unit"),
-        (["--scale", "voltage"], "option --scale"),
-        (["--mass", "3 m"], "option --mass"),
-        (["--mass", "-45 g"], "option --mass: found -0.045 kg, expected a number above 0"),
-        (["--frequency", "0"], "option --frequency: found 0 Hz, expected a number above 0"),
-        (["--interval", "0 s"], "option --interval"),
-    ],
-)
-def test_options_at_fault_are_refused(tmp_path, capsys, options, told):
-    assert cli.main(["new", str(tmp_path / "rig"), "--files", "x.csv", *options]) == 2
-    assert told in capsys.readouterr().err

@@ -83,6 +83,9 @@ def test_two_dashes_are_no_value(name, capsys):
         )
 
 
+NEW = ["new", *NEEDED["new"]]
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -90,14 +93,17 @@ def test_two_dashes_are_no_value(name, capsys):
         (["characterise", "a.csv", "--frequency="], "option --frequency"),
         (["characterise", "a.csv", "--slip-duration=-1 ms"], "found -0.001 s, expected a number of at least 0."),
         (["characterise", "a.csv", "--window", "nan", "1"], "option --window: found nan, expected a finite number"),
-        (["new", "d", "--files", "a.csv", "--scale", "voltage=0"], 'option --scale: found "voltage=0'),
-        (["new", "d", "--files", "a.csv", "--scale", "voltage=0 V/V"], 'option --scale: found "voltage=0'),
-        (["new", "d", "--files", "a.csv", "--scale", "voltage=nan"], 'option --scale: found "voltage=nan"'),
-        (
-            ["new", "d", "--files", "a.csv", "--peak", "0 V"],
-            "option --peak: found 0 V, expected a voltage that is not 0",
-        ),
-        (["new", "d", "--files", "a.csv", "--mass", "inf"], "option --mass: found inf, expected a finite number"),
+        ([*NEW, "--unit", "speed=m"], "option --unit"),
+        ([*NEW, "--interval", "0 s"], "option --interval"),
+        ([*NEW, "--frequency", "0"], "option --frequency: found 0 Hz, expected a number above 0"),
+        ([*NEW, "--scale", "voltage"], "option --scale"),
+        ([*NEW, "--scale", "voltage=0"], 'option --scale: found "voltage=0'),
+        ([*NEW, "--scale", "voltage=0 V/V"], 'option --scale: found "voltage=0'),
+        ([*NEW, "--scale", "voltage=nan"], 'option --scale: found "voltage=nan"'),
+        ([*NEW, "--peak", "0 V"], "option --peak: found 0 V, expected a voltage that is not 0"),
+        ([*NEW, "--mass", "3 m"], "option --mass"),
+        ([*NEW, "--mass", "-45 g"], "option --mass: found -0.045 kg, expected a number above 0"),
+        ([*NEW, "--mass", "inf"], "option --mass: found inf, expected a finite number"),
     ],
 )
 def test_a_number_out_of_its_range_is_refused(arguments, said, capsys):
