@@ -140,13 +140,19 @@ def test_results_are_not_overwritten_unasked(calls, tmp_path, capsys):
     assert "found results already" in capsys.readouterr().err
 
 
-def test_input_at_fault_gives_status_2_one_line_and_no_file(monkeypatch, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("raised", "status", "told"),
+    [(InputError('key "tilt": unknown'), 2, 'error: key "tilt": unknown'), (KeyboardInterrupt(), 130, "interrupted")],
+)
+def test_input_at_fault_and_an_interrupt_give_a_status_one_line_and_no_file(
+    monkeypatch, tmp_path, capsys, raised, status, told
+):
     def fails(path):
-        raise InputError(f'{path}: key "tilt": unknown')
+        raise raised
 
     monkeypatch.setitem(vars(pdssjax), "load_study", fails)
-    assert cli.main(["identify", "rig.toml", "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == 'pdssjax: error: rig.toml: key "tilt": unknown\n'
+    assert cli.main(["identify", "rig.toml", "--out", str(tmp_path / "out")]) == status
+    assert capsys.readouterr().err == f"pdssjax: {told}\n"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -168,16 +174,6 @@ def test_suspicious_input_warns_in_one_line_and_goes_on(calls, monkeypatch, tmp_
     monkeypatch.setitem(vars(pdssjax), "load_study", warns)
     assert cli.main(["identify", "--out", str(tmp_path)]) == 0
     assert "pdssjax: warning: 5 Hz A: the record is shorter than a period\n" in capsys.readouterr().err
-
-
-def test_an_interrupt_gives_status_130_and_one_line(monkeypatch, tmp_path, capsys):
-    def interrupted(path):
-        raise KeyboardInterrupt
-
-    monkeypatch.setitem(vars(pdssjax), "load_study", interrupted)
-    assert cli.main(["identify", "--out", str(tmp_path / "out")]) == 130
-    assert capsys.readouterr().err == "pdssjax: interrupted\n"
-    assert list(tmp_path.iterdir()) == []
 
 
 def recorded(name: str, offset: float | None, noise: float | None) -> SimpleNamespace:
