@@ -4,7 +4,7 @@ The clock of the run goes from 0 to 1, and errors are in units of the tolerances
 such as the time within which a tie between events is broken, depends on the user's units.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
@@ -31,12 +31,14 @@ _SHORTEST = 1e-15
 _INSIDE = 4.0 * np.finfo(float).eps
 """Part of the largest time by which a time is kept away from the corners."""
 
+Structure: TypeAlias = Any
+"""A `PyTreeDef`, for which JAX has no public type."""
+
 
 class Layout(NamedTuple):
     """How a state's arrays lie in a list of scalars."""
 
-    structure: Any
-    """A `PyTreeDef`, for which JAX has no public type."""
+    structure: Structure
     shapes: tuple[tuple[int, ...], ...]
 
     def split(self, rows: Float[Array, "*rows components"]) -> Tree:

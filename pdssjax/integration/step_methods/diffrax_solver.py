@@ -1,7 +1,7 @@
 """Any adaptive one-step solver of diffrax as a step method."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import diffrax
 import equinox as eqx
@@ -16,6 +16,9 @@ from ..polynomials import Polynomials, basis
 from ..taylor_series import Field, constant
 from .base import AbstractStepMethod, KnownStep, Piece
 
+Solver: TypeAlias = diffrax.AbstractSolver[Any]
+"""A solver with a state of any type."""
+
 
 class OneStep(AbstractStepMethod):
     """Any diffrax solver with an error estimate, for example `OneStep(diffrax.Kvaerno5())`.
@@ -24,7 +27,7 @@ class OneStep(AbstractStepMethod):
     at least its own.  The root finder of an implicit solver works to a hundredth of the tolerance.
     """
 
-    solver: diffrax.AbstractSolver[Any] = diffrax.Tsit5()
+    solver: Solver = diffrax.Tsit5()
     degree: int = eqx.field(static=True, default=8)
     velocity_noise: ClassVar[float] = 10.0
     second_derivative_factor: ClassVar[float] = 0.01
