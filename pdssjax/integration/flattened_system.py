@@ -17,7 +17,7 @@ from ..core import Count, InputError, Scalar, ScalarLike, Tree
 from .hybrid_system import HybridSystem
 from .polynomials import basis
 from .system import AbstractHybridSystem, State
-from .taylor_series import Series, Term, constant, polynomial, weighted
+from .taylor_series import Series, Term, constant, expanding, polynomial, weighted
 
 _FIRST_MODE = 3
 """The integrator's number for the user's mode 0: its own 0 is the mode before the start, and 2 is `SETTLED`."""
@@ -113,14 +113,8 @@ class FlattenedSystem(AbstractHybridSystem):
     def _expanded(self, method: str, time: Term, x: State, mode: Count) -> Any:
         """The series that a user's method returns for series; **raises** `InputError` where it cannot take them."""
         state = jax.tree.unflatten(self.layout.structure, list(x))
-        try:
+        with expanding(f"{type(self.system).__name__}.{method}"):
             return getattr(self.system, method)(time, state, self.args, mode)
-        except (TypeError, AttributeError) as error:
-            raise InputError(
-                f"{type(self.system).__name__}.{method}: found what a Taylor series cannot pass ({error!s:.120}), "
-                "expected + - * / and the functions exp, power and cosine_and_sine of pdssjax.integration; or leave "
-                "`method` out."
-            ) from error
 
     def guard_values(self, t: Scalar, y: Tree, mode: Count) -> Float[Array, " guards"]:
         """The user's guards as one array, whatever they came in."""

@@ -11,12 +11,13 @@ series, and its numbers.  It is written so that `taylor_loop` can use it for a t
 coefficients 0 and k, and for the sum of the products between them.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol, Self, TypeAlias, TypeVar, overload
 
 import jax.numpy as jnp
 
-from ..core import Count, Scalar, ScalarLike
+from ..core import Count, InputError, Scalar, ScalarLike
 from .tracing import plus, times
 
 Order: TypeAlias = int | Count
@@ -165,6 +166,18 @@ def cosine_and_sine(x: Term) -> tuple[Term, Term]:
     return cosine, sine
 
 
+@contextlib.contextmanager
+def expanding(what: str) -> Iterator[None]:
+    """Say what series can pass where `what` a user wrote cannot take them, by an `InputError`."""
+    try:
+        yield
+    except (TypeError, AttributeError) as error:
+        raise InputError(
+            f"{what}: found what a Taylor series cannot pass ({error!s:.120}), expected + - * / and the functions exp, "
+            "power and cosine_and_sine of pdssjax.integration in place of ** and of those of jax.numpy."
+        ) from error
+
+
 def taylor_coefficients(
     field: Field, time: ScalarLike, state: Sequence[ScalarLike], order: int, opaque_one: Scalar
 ) -> list[list[ScalarLike]]:
@@ -179,7 +192,8 @@ def taylor_coefficients(
     **Returns:** for each component a list of `order + 1` coefficients.
     """
     known = [unknown(x) for x in state]
-    rates = field(polynomial([time, 1.0]), known)
+    with expanding("the field that is integrated"):
+        rates = field(polynomial([time, 1.0]), known)
     for k in range(order):
         orders = [rate[k] if isinstance(rate, Series) else (rate if k == 0 else 0) for rate in rates]
         varying = [i for i, c in enumerate(orders) if not is_zero(c)]

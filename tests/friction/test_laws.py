@@ -13,10 +13,15 @@ from parts import (
     GeneralizedMaxwellSlip,
     LuGre,
     ResetIntegrator,
+    Sawtooth,
+    SecondOrder,
     SimplifiedLuGre,
     Stribeck,
 )
 from sliding import drive, slid, zigzag
+
+import pdssjax
+from pdssjax import Actuator, Effector, InputError
 
 VELOCITIES = (2e-4, -7e-4, 1.3e-3, -5e-3)
 
@@ -169,3 +174,15 @@ def test_maxwell_elements_slip_one_after_the_other_at_their_own_forces():
 def test_slow_breakaway_of_the_laws_with_a_stribeck_curve_takes_the_static_force():
     for law in (LuGre(**CURVE), Elastoplastic(**CURVE), GeneralizedMaxwellSlip(**ELEMENTS)):
         assert zigzag(law, [1e-5], speed=2e-5).force.max() == pytest.approx(0.7, rel=2e-4)
+
+
+class Tanh(Coulomb):
+    """A law that series cannot pass."""
+
+    def force(self, state, v, sign):
+        return self.f_c * jnp.tanh(v)
+
+
+def test_a_law_with_functions_of_jax_numpy_is_refused_with_those_to_use():
+    with pytest.raises(InputError, match=r"tanh.*expected \+ - \* / and the functions exp, power"):
+        pdssjax.simulate(Actuator(SecondOrder(), Tanh(), Effector(0.086)), Sawtooth(), jnp.linspace(0.0, 0.1, 11))
