@@ -157,9 +157,8 @@ def fit_phase(
     """
     linear, spent = linear_parameters(problem, used) & fitted, 0
     if linear.sum() >= FEWEST_LINEAR:
-        found = project(
-            problem, free, as_weights(problem.noise, used), fitted, linear, lambda line: report(f"{name}: {line}")
-        )
+        tell: Progress = lambda line: report(f"{name}: {line}")
+        found = project(problem, free, as_weights(problem.noise, used), fitted, linear, tell)
         free, spent = found.free, found.evaluations
         report(f"{name}: {linear.sum()} linear parameters projected out, chi-square {found.chi2:.6g}")
     limit = min(limit, MAX_ITERATIONS, problem.effort.iterations)
