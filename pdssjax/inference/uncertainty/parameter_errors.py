@@ -17,12 +17,11 @@ from jaxtyping import Bool, Float
 from ...core import member, members
 from ...study import ErrorAdvice, Estimate, FittedParameter, ParameterError, cycles_a_second
 from ..beyond_noise import leaves_unresolved
-from ..covariance import Covariance, least_squares_covariance, set_unknown
+from ..covariance import Covariance, set_unknown
 from ..evidence import Evidence
-from ..least_squares import Fit, Method, Progress
+from ..least_squares import Method, Progress
 from ..losses.base import AbstractLoss
 from ..notes.about_records import listed
-from ..problem import Problem
 from ..stack_first.peak_picking import PATHS, PickedStack
 from ..stack_parameters import stack_parameters
 from .error_models.base import AbstractErrorModel, RecordErrors, total_of
@@ -192,42 +191,32 @@ def _covariances(
     return out
 
 
-def robust_covariance(
+def robust_effect(
     root: Float[np.ndarray, " n"],
     jacobian: Float[np.ndarray, "n p"],
-    held: Bool[np.ndarray, " p"],
+    known: Bool[np.ndarray, " p"],
     loss: AbstractLoss,
-    prior: Float[np.ndarray, "k p"] | None = None,
-) -> tuple[Covariance, Float[np.ndarray, "p p"]]:
-    """B^-1 M B^-1 with B = J' diag(rho''/2) J and M = J' diag(rho'/2)^2 J (P. J. Huber, Robust Statistics, 1981, 7.6).
+    samples: int,
+) -> Float[np.ndarray, "n p"]:
+    """J B^-1, each row times its rho'/2, with B = J' diag(rho''/2) J: the effect of each residual on each parameter.
 
-    What is given of the noise only scales the loss: M takes the scatter from the residuals themselves.  What was
-    measured apart has the error given: it adds J' J to both.
+    The sum of its squares is the sandwich covariance of P. J. Huber, Robust Statistics, 1981, 7.6.  What is given of
+    the noise only scales the loss: the scatter is that of the residuals themselves.
 
-    **Arguments:** `root`s of the residuals of the samples and their `jacobian`, as the fit leaves them; `held`
-    parameters count as known; the Jacobian `prior` of what was measured apart.
-
-    **Returns:** the covariance, and B^-1, by which the estimate follows what was measured apart; NaN alike.
+    **Arguments:** `root`s of the residuals and their `jacobian`, as the fit leaves them; the parameters that are not
+    `known` have no effect; residuals beyond the number of `samples` are of what was measured apart, with an error of 1.
     """
-    given = np.zeros((0, jacobian.shape[1])) if prior is None else prior
-    whole = least_squares_covariance(np.concatenate([jacobian, given]), held)
-    kept = np.flatnonzero(whole.identifiable)
-    if not kept.size:
-        return whole, whole.matrix
+    is_sample = np.arange(root.size) < samples
     original = loss.original(jnp.asarray(root))
-    r, influence, curvature = map(np.asarray, (original, loss.influence(original), loss.curvature(original)))
-    slope = np.where(np.abs(root) > 1e-12, influence / np.where(root == 0.0, 1.0, root), 1.0)
-    columns, others = jacobian[:, kept] / slope[:, None], given[:, kept]
-    norms = np.hypot(np.linalg.norm(columns, axis=0), np.linalg.norm(others, axis=0))
-    columns, others = columns / norms, others / norms
-    known = others.T @ others
-    bread = np.linalg.inv(columns.T @ (curvature[:, None] * columns) + known)
-    scores = columns * influence[:, None]
-    spread = bread @ (scores.T @ scores * r.size / max(r.size - kept.size, 1) + known) @ bread
-    matrices = [np.full_like(whole.matrix, np.nan) for _ in range(2)]
-    for matrix, found in zip(matrices, (spread, bread), strict=True):
-        matrix[np.ix_(kept, kept)] = found / np.outer(norms, norms)
-    return whole._replace(matrix=matrices[0]), matrices[1]
+    influence, curvature = np.asarray(loss.influence(original)), np.asarray(loss.curvature(original))
+    slope = np.where(is_sample & (np.abs(root) > 1e-12), influence / np.where(root == 0.0, 1.0, root), 1.0)
+    influence, curvature = np.where(is_sample, influence, 1.0), np.where(is_sample, curvature, 1.0)
+    columns = jacobian[:, known] / slope[:, None]
+    norms = np.linalg.norm(columns, axis=0)
+    columns = columns / norms
+    effect = np.zeros(jacobian.shape)
+    effect[:, known] = influence[:, None] * columns @ np.linalg.inv(columns.T @ (curvature[:, None] * columns)) / norms
+    return effect
 
 
 class StandardErrors(NamedTuple):
@@ -249,12 +238,17 @@ class StandardErrors(NamedTuple):
 def standard_errors_of(method: Method, evidence: Evidence, stack: PickedStack | None) -> StandardErrors:
     """The covariances of a fit; with a `stack` from peaks its own is that of the first step."""
     evidence = dataclasses.replace(evidence, after_stack=stack is not None)
-    problem, fit = evidence.problem, evidence.fit
-    if problem.residual.loss.is_robust:
-        return _robust(problem, fit)
+    problem, loss = evidence.problem, evidence.problem.residual.loss
     point, naive = FittedPoint(method, evidence, stack), None
     factor, unknown = evidence.variance_factor, ~point.known
     effect, factors = point.influence(), row_factors(problem, factor)
+    freedom, pooled = evidence.noise_freedom, evidence.noise_is_given
+    if loss.is_robust:
+        samples, factor = problem.rows_apart.start, 1.0
+        left = max(samples - point.known.sum(), 1)
+        effect = robust_effect(point.residual, point.jacobian, point.known, loss, samples)
+        factors = np.where(np.arange(len(effect)) < samples, samples / left, 1.0)
+        freedom, pooled = np.full(len(problem.records), left), np.ones(len(problem.records), bool)
     if method != "joint":
         factors = np.append(factors, np.ones(len(effect) - factors.size))
         if stack is not None:
@@ -264,8 +258,7 @@ def standard_errors_of(method: Method, evidence: Evidence, stack: PickedStack | 
     own = problem.residual.transform
     squares = factors[:, None] * own.own_effect(effect) ** 2
     shares = [np.sum(squares[rows], axis=0) for rows in problem.rows]
-    noise = evidence.noise_freedom, evidence.noise_is_given
-    freedom = effective_freedom(np.diag(own.own_covariance(known.matrix)), shares, *noise)
+    freedom = effective_freedom(np.diag(own.own_covariance(known.matrix)), shares, freedom, pooled)
     return StandardErrors(known, naive, _covariance_with_priors(point, effect), factor, freedom)
 
 
@@ -291,15 +284,3 @@ def _covariance_with_priors(point: FittedPoint, effect: Float[np.ndarray, "n p"]
         elif point.jacobian[row, place] != 0.0:
             out[place] = effect[row, place] / point.jacobian[row, place]
     return out
-
-
-def _robust(problem: Problem, fit: Fit) -> StandardErrors:
-    loss, held = problem.residual.loss, problem.residual.transform.at_bound(fit.free)
-    roots, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)
-    samples, prior = slice(problem.rows_apart.start), jacobian[problem.rows_apart]
-    known, bread = robust_covariance(roots[samples], jacobian[samples], held, loss, prior)
-    given = np.sum((prior @ np.nan_to_num(bread)) ** 2, axis=0)
-    left = max(samples.stop - known.identifiable.sum(), 1)
-    variance = np.diag(known.matrix)
-    freedom = effective_freedom(variance, [variance - given], [left], [False])
-    return StandardErrors(known, None, np.diag(problem.residual.transform.own_covariance(bread)), 1.0, freedom)
