@@ -26,6 +26,7 @@ import jax
 import jax.numpy as jnp
 import optimistix as optx
 from jax import lax
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ...core import Count, Scalar, ScalarLike, Tree, Truth, require_float64
@@ -53,7 +54,6 @@ from .trust_region import (
     first_radius,
     flat_bounds,
     flat_function,
-    flat_point,
     next_radius,
     second_point,
     shortened,
@@ -146,7 +146,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
     ) -> LMState:
         require_float64("BoundedLevenbergMarquardt")
         flat_bounds(y, options)  # says at once what is wrong with them
-        y, _ = flat_point(y)
+        y, _ = ravel_pytree(y)
         structs = jax.tree.leaves(f_struct)
         f_struct = jax.ShapeDtypeStruct((sum(s.size for s in structs),), jnp.result_type(*(s.dtype for s in structs)))
         blank = lambda s: jnp.zeros(s.shape, s.dtype)
@@ -189,7 +189,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         tags: frozenset[object],
     ) -> tuple[Point, LMState, Auxiliary]:
         bounds = flat_bounds(y, options)
-        vector, unravel = flat_point(y)
+        vector, unravel = ravel_pytree(y)
         vector = jnp.clip(vector, bounds["lower"], bounds["upper"])
         flat = flat_function(fn, unravel)
         trial = self.trial(vector, bounds, state)

@@ -159,7 +159,7 @@ def flat_bounds(y: Tree, options: Mapping[str, Tree]) -> Bounds:
             if not _broadcasts(jnp.shape(bound), jnp.shape(leaf)):
                 raise InputError(f'options["{name}"]: found shape {jnp.shape(bound)}, expected {leaf.shape}, as of y0.')
         filled = [jnp.broadcast_to(jnp.asarray(a, b.dtype), b.shape) for a, b in zip(given, leaves, strict=True)]
-        out[name] = filled[0] if is_vector(y) else ravel_pytree(filled)[0]
+        out[name], _ = ravel_pytree(filled)
     return out
 
 
@@ -168,21 +168,11 @@ def _broadcasts(shape: tuple[int, ...], to: tuple[int, ...]) -> bool:
     return missing >= 0 and all(a in (1, b) for a, b in zip(shape, to[missing:], strict=True))
 
 
-def is_vector(y: Tree) -> bool:
-    """Whether `y` is one array of one axis."""
-    return hasattr(y, "ndim") and y.ndim == 1
-
-
 def flat_function(fn: Callable[[Tree, Tree], Tree], unravel: Callable[[Tree], Tree]) -> Callable[[Tree, Tree], Tree]:
     """`fn` as a function of the vector that `unravel` makes a point of, with its residuals as one vector."""
 
     def flat(y: Tree, args: Tree) -> Tree:
         out, aux = fn(unravel(y), args)
-        return (out if is_vector(out) else ravel_pytree(out)[0]), aux
+        return ravel_pytree(out)[0], aux
 
     return flat
-
-
-def flat_point(y: Tree) -> tuple[Tree, Callable[[Tree], Tree]]:
-    """`y` as a vector, and what makes a point of such a vector again."""
-    return (y, lambda vector: vector) if is_vector(y) else ravel_pytree(y)
