@@ -33,7 +33,7 @@ from jaxtyping import Bool, Float
 from ..metrics import outliers, unevenness
 from ..study import Statistics, Study, cycles_a_second, repeated_residuals
 from .beyond_noise import SIGNIFICANT, highest_by_chance, is_unresolved, largest_by_chance
-from .covariance import NO_INFORMATION, least_squares_covariance, scaled_least_squares
+from .covariance import NO_INFORMATION, Covariance, least_squares_covariance, scaled_least_squares
 from .diagnosis import contradicting, records_agreement
 from .least_squares import Fit, by_record, evaluated, quiet
 from .problem import Problem
@@ -148,14 +148,15 @@ class Evidence:
         return np.array([record.time.size for record in self.problem.records], float)
 
     @cached_property
-    def covariance(self) -> Float[np.ndarray, "p p"]:
-        """The covariance of least squares on the fit's scale, enlarged where residuals exceed the noise given.
-
-        NaN where a parameter has no information or is held at a bound.
-        """
+    def given_covariance(self) -> Covariance:
+        """The covariance of least squares on the fit's scale by the noise given, parameters at bounds held."""
         held = self.problem.residual.transform.at_bound(self.fit.free)
-        found = least_squares_covariance(np.asarray(self.fit.state.jacobian), held).matrix
-        return found * self.variance_factor
+        return least_squares_covariance(np.asarray(self.fit.state.jacobian), held)
+
+    @cached_property
+    def covariance(self) -> Float[np.ndarray, "p p"]:
+        """`given_covariance`, enlarged where residuals exceed the noise given; NaN where nothing is known."""
+        return self.given_covariance.matrix * self.variance_factor
 
     # ------------------------------------------------------------------------------------------ samples that stand out
 

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...study import Amplification
-from ..covariance import NO_INFORMATION, least_squares_covariance, scaled_least_squares
+from ..covariance import NO_INFORMATION, scaled_least_squares
 from ..evidence import Evidence
 from ..least_squares import Fit, Method, Progress, evaluated, quiet
 from ..parameter_transform import Box
@@ -180,9 +180,7 @@ class FittedPoint:
         held = problem.residual.transform.at_bound(fit.free)
         self.fitted: Bool[np.ndarray, " p"] = ~held & (np.linalg.norm(self.jacobian, axis=0) > 0)
         """The parameters that the records move: not held at a bound."""
-        self.covariance = least_squares_covariance(self.jacobian, held)
-        """That of all parameters fitted at once."""
-        self.known = self.covariance.identifiable
+        self.known = evidence.given_covariance.identifiable
         """Which of the parameters the records determine."""
 
     def influence(self, curvatures: Sequence[Float[np.ndarray, "p k"]] | None = None) -> Float[np.ndarray, "n p"]:

@@ -254,7 +254,7 @@ def standard_errors_of(method: Method, evidence: Evidence, stack: PickedStack | 
         if stack is not None:
             unknown |= stack_parameters(problem) & ~problem.residual.transform.among(PATHS)
         naive = _covariance(point.steps.with_first_exact().influence(), factors, unknown)
-    known = point.covariance._replace(matrix=_covariance(effect, factors, unknown))
+    known = evidence.given_covariance._replace(matrix=_covariance(effect, factors, unknown))
     own = problem.residual.transform
     squares = factors[:, None] * own.own_effect(effect) ** 2
     shares = [np.sum(squares[rows], axis=0) for rows in problem.rows]

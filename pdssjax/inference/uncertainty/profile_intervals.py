@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...study import Estimate, FittedParameter, Profile
-from ..covariance import least_squares_covariance, scaled_least_squares
+from ..covariance import scaled_least_squares
 from ..draws import each_done
 from ..evidence import Evidence
 from ..least_squares import Fit, Progress
@@ -354,12 +354,11 @@ def _thresholds(estimate: Estimate, evidence: Evidence) -> Float[np.ndarray, " p
     bound, where there is no variance, it is the factor of the noise given, and the fewest degrees of freedom of the
     others.
     """
-    free, fit = evidence.problem.residual.transform, evidence.fit
-    held = free.at_bound(fit.free)
-    given = free.own_covariance(least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix)
+    free, at = evidence.problem.residual.transform, evidence.fit.free
+    given = free.own_covariance(evidence.given_covariance.matrix)
     freedom = np.array([estimate.parameters[path].degrees_of_freedom for path in free.paths])
-    freedom = np.where(held, np.min(freedom), freedom)
-    ratio = np.diag(estimate.covariance) / (np.diag(given) * free.slope(fit.free) ** 2)
+    freedom = np.where(free.at_bound(at), np.min(freedom), freedom)
+    ratio = np.diag(estimate.covariance) / (np.diag(given) * free.slope(at) ** 2)
     return half_width_95(freedom) ** 2 * np.nan_to_num(ratio, nan=evidence.variance_factor)
 
 
