@@ -80,7 +80,8 @@ def summarise(
     values = {path: float(value) for path, value in {**starts, **free.decode(fit.free)}.items()}
     errors, mixed = standard_errors_of(method, evidence, stack), inseparable(evidence)
     factor, known = errors.factor, errors.known
-    deviation = np.sqrt(np.diag(free.own_covariance(known.matrix)))
+    with np.errstate(invalid="ignore"):  # rounding may leave less than nothing of a variance: unknown
+        deviation = np.sqrt(np.diag(free.own_covariance(known.matrix)))
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
     # Nor has what constraints tie to a parameter without information, or what steady sines mix.
     tied_to_unknown = known.identifiable & np.isnan(deviation)
@@ -230,7 +231,7 @@ def _beside_predictions(
         error = math.nan
         if record.offset is None and i is not None:
             by_parameters = slopes[i] @ np.nan_to_num(matrix) @ slopes[i]
-            error = float(np.sqrt((noise * scatter[i]) ** 2 / record.time.size + by_parameters))
+            error = float(np.sqrt((noise * scatter[i]) ** 2 / record.time.size + max(by_parameters, 0.0)))
         out.append(
             compare(
                 record,
