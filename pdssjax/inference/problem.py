@@ -46,13 +46,13 @@ class Problem:
     """The records fitted."""
     noise: Float[Array | np.ndarray, " records"]
     """Standard deviation of each, in its unit."""
-    predictor: Predictor
-    """The prediction of all records of the study, fitted or not."""
-    places: tuple[int, ...] = dataclasses.field(metadata={"static": True})
-    """Where the records fitted stand among those."""
     watch: Watch | None = dataclasses.field(default=None, metadata={"static": True})
     minimiser: Minimiser | None = dataclasses.field(default=None, metadata={"static": True})
     """Another solver of optimistix that looks for the minimum in place of the package's own."""
+    predictor: Predictor | None = None
+    """The prediction of all records of the study, fitted or not; None for a problem of your own."""
+    places: tuple[int, ...] = dataclasses.field(default=(), metadata={"static": True})
+    """Where the records fitted stand among those."""
     effort: Effort = dataclasses.field(default=USUAL, metadata={"static": True})
     """After how many iterations and slow steps a run ends."""
 
@@ -110,17 +110,26 @@ class Problem:
         (whitened, _), (jacobian, _) = self.evaluations(self._weights()).linearised(free)
         return whitened, jacobian
 
-    def evaluations(self, weights: Float[Array | np.ndarray, " records"]) -> "_OfStudy":
+    def evaluations(self, weights: Float[Array | np.ndarray, " records"]) -> "OfFunction | _OfStudy":
         """Residuals and Jacobian as what is compiled, with `weights` (1/noise) of the records, 0 to leave one out."""
-        return _OfStudy(self.residual, weights, self._evaluator)
+        evaluator = self._evaluator
+        return OfFunction(self.residual, weights) if evaluator is None else _OfStudy(self.residual, weights, evaluator)
 
     def motions(self, values: Values) -> list[Float[np.ndarray, " samples"]]:
-        """What every record of the study measures with the parameters `values` [SI], by what a fit compiles."""
+        """What every record of the study measures with the parameters `values` [SI], by what a fit compiles.
+
+        **Raises** `ValueError` for a problem of your own, which knows no study.
+        """
+        if self._evaluator is None:
+            raise ValueError("Expected the problem of a study.")
         return [np.asarray(motion) for motion in self._evaluator([values], self._weights()).motions]
 
     @property
-    def _evaluator(self) -> Evaluator:
-        residual, free = self.residual, self.residual.transform.paths
+    def _evaluator(self) -> Evaluator | None:
+        if self.predictor is None:
+            return None
+        residual = self.residual
+        free = residual.transform.paths
         paths = tuple(sorted([*residual.fixed, *free]))
         return Evaluator(self.predictor, residual.comparison, residual.accuracy, self.places, paths, free)
 
@@ -238,7 +247,7 @@ def pose(
     residual = eqx.tree_at(samples, residual, on_device(samples(residual)))
     noise = np.array([noise_of(record) for record in records])
     places = tuple(place for place, record in enumerate(study.records) if record.role == "fit")
-    return Problem(residual, records, noise, on_device(study.predictor), places, effort=effort)
+    return Problem(residual, records, noise, predictor=on_device(study.predictor), places=places, effort=effort)
 
 
 def pose_problem(study: Study, accuracy: Accuracy | None = None) -> tuple[Problem, Float[np.ndarray, " p"]]:

@@ -99,7 +99,7 @@ def _within_errors(
     # As if they were fitted: those are the records that have derivatives to their end.
     fitted = tuple(dataclasses.replace(record, role="fit") for record in records)
     unseen = Residual.of(study.models, fitted, residual.transform, fixed, residual.accuracy)
-    whole = Problem(unseen, fitted, noise, on_device(unseen.predictor), tuple(range(len(fitted))))
+    whole = Problem(unseen, fitted, noise, predictor=on_device(unseen.predictor), places=tuple(range(len(fitted))))
     # A root of the covariance turns independent errors of standard deviation 1 into those of parameters.
     deviation, held = np.sqrt(np.diag(covariance)), residual.transform.at_bound(free)
     known = np.isfinite(deviation) & (deviation > 0.0)

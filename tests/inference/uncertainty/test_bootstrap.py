@@ -41,8 +41,7 @@ def of_a_line(measured) -> tuple[Problem, Fit]:
     everywhere = np.full(2, np.inf)
     transform = ParameterTransform(("a", "b"), np.zeros(2, bool), np.ones(2), -everywhere, everywhere)
     record = SimpleNamespace(time=TIME, drive=None, noise=NOISE)
-    residual = LineResidual(Samples((measured,)), transform)
-    problem = Problem(residual, (record,), np.array([NOISE]), None, (0,))  # pyright: ignore
+    problem = Problem(LineResidual(Samples((measured,)), transform), (record,), np.array([NOISE]))  # pyright: ignore
     return problem, run(problem, None, None)
 
 
