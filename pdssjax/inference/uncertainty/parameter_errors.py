@@ -241,14 +241,15 @@ def standard_errors_of(method: Method, evidence: Evidence, stack: PickedStack | 
     problem, loss = evidence.problem, evidence.problem.residual.loss
     point, naive = FittedPoint(method, evidence, stack), None
     factor, unknown = evidence.variance_factor, ~point.known
-    effect, factors = point.influence(), row_factors(problem, factor)
-    freedom, pooled = evidence.noise_freedom, evidence.noise_is_given
     if loss.is_robust:
         samples, factor = problem.rows_apart.start, 1.0
         left = max(samples - point.known.sum(), 1)
         effect = robust_effect(point.residual, point.jacobian, point.known, loss, samples)
         factors = np.where(np.arange(len(effect)) < samples, samples / left, 1.0)
         freedom, pooled = np.full(len(problem.records), left), np.ones(len(problem.records), bool)
+    else:
+        effect, factors = point.influence(), row_factors(problem, factor)
+        freedom, pooled = evidence.noise_freedom, evidence.noise_is_given
     if method != "joint":
         factors = np.append(factors, np.ones(len(effect) - factors.size))
         if stack is not None:
