@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Document, InputError, InputWarning, nearest
+from ..inference import leaves_white_noise
 from ..report.text import format_comparison, format_report
 from ..study import Draws, Estimate, FittedParameter, FittedRecord, Study
 from .draws_file import write_draws
@@ -195,7 +196,10 @@ def _draws_document(draws: Draws) -> Document:
 
 
 def write_estimate(estimate: Estimate, folder: Path) -> None:
-    """Put `estimate.json`, `report.txt`, plots and predictions into `folder`, in place of older ones."""
+    """Put `estimate.json`, `report.txt`, plots and predictions into `folder`, in place of older ones.
+
+    Residuals are split into misfit and noise where they are more than white noise.
+    """
     from ..report.figures import parameter_figures, residual_split_figure, save_figure
 
     with staging_folder(folder) as staging:
@@ -207,9 +211,9 @@ def write_estimate(estimate: Estimate, folder: Path) -> None:
         plots, names = staging / "plots", {"errors": "standard_errors", "starts": "multistart"}
         for name, draw in parameter_figures(estimate).items():
             save_figure(draw(), plots / f"{names.get(name, name)}.png")
-        (plots / "residuals").mkdir()
         for stem, record in zip(file_stems(record.name for record in estimate.records), estimate.records, strict=True):
-            if record.role == "fit" and record.simulated:
+            if record.role == "fit" and record.simulated and not leaves_white_noise(record):
+                (plots / "residuals").mkdir(exist_ok=True)
                 save_figure(residual_split_figure(record), plots / "residuals" / f"{stem}.png")
 
 

@@ -6,7 +6,7 @@ Imports `study` and the rooms below it.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .beyond_noise import repeats as repeats
+    from .beyond_noise import leaves_white_noise as leaves_white_noise, repeats as repeats
     from .covariance import least_squares_covariance as least_squares_covariance
     from .draws import Drawing as Drawing, Store as Store
     from .effort import EFFORTS as EFFORTS, Effort as Effort, effort_of as effort_of

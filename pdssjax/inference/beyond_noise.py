@@ -26,6 +26,9 @@ FEWEST_SAMPLES = 50
 SIGNIFICANT = 4.0
 """Standard deviations beyond which an excess is not chance."""
 
+CORRELATED = 0.3
+"""Correlation of neighbouring residuals from which they are no white noise."""
+
 DIGITS = 1e-9
 """Residuals over the swing of a record that no sensor resolves (30 bits): what rounding leaves of exact numbers."""
 
@@ -156,3 +159,13 @@ def repeats(record: FittedRecord) -> bool:
     if record.undisturbed is not None and record.outliers.size:
         found = lack_of_fit(record.rest, record.time, record.frequency)
     return found is not None and found.sigmas > SIGNIFICANT
+
+
+def neighbours_correlate(record: FittedRecord) -> bool:
+    """Whether neighbouring residuals that are large enough to tell are correlated by more than `CORRELATED`."""
+    return neighbour_correlation(record) > CORRELATED and not leaves_unresolved(record)
+
+
+def leaves_white_noise(record: FittedRecord) -> bool:
+    """Whether a fit leaves of a record no more than its noise, in which nothing repeats and no neighbours are alike."""
+    return not (exceeds_noise(record) or repeats(record) or neighbours_correlate(record))

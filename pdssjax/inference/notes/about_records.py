@@ -15,8 +15,7 @@ from ..beyond_noise import (
     exceeds_given_noise,
     freedom_of,
     largest_by_chance,
-    leaves_unresolved,
-    neighbour_correlation,
+    neighbours_correlate,
     outliers_explain,
     repeats,
     rest_scatter,
@@ -106,9 +105,6 @@ def about_agreement(diagnosis: Diagnosis | None, method: str = "joint") -> list[
         "elsewhere (--starts 50)."
     ]
 
-
-CORRELATED = 0.3
-"""Correlation of neighbouring residuals from which they are no noise."""
 
 _NOISE = 0.9
 """Share of the residuals that neighbours must scatter for all of them to be noise."""
@@ -256,7 +252,7 @@ def _not_predicted(records: Sequence[FittedRecord]) -> str:
 
 
 def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
-    correlated = [r for r in fitted if neighbour_correlation(r) > CORRELATED and not leaves_unresolved(r)]
+    correlated = [record for record in fitted if neighbours_correlate(record)]
     if not correlated:
         return []
     noisy = [could_be_noise(record) for record in correlated]
