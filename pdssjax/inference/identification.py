@@ -135,7 +135,7 @@ def identify(
         minimiser=minimiser,
         referee=check_accuracy(check_with, integrator),
         report=progress or notebook_progress() or quiet,
-        excused=functools.partial(due_to_stack, study, stack, integrator) if stack else None,
+        held_values_explain=functools.partial(due_to_stack, study, stack, integrator) if stack else None,
         effort=effort_of(effort),
         begun=begun,
     )
@@ -161,7 +161,7 @@ class _Identification(NamedTuple):
     referee: Accuracy | None
     """The integrator of the fit that checks this one; None: no check."""
     report: Progress
-    excused: Callable[[Fit, Problem], bool] | None
+    held_values_explain: Callable[[Fit, Problem], bool] | None
     """Whether what a poor fit leaves is due to the stack held in it."""
     effort: Effort
     begun: float
@@ -208,7 +208,9 @@ class _Identification(NamedTuple):
         if drawn and (earlier := restored_fit(self.drawing, settings, study, accuracy, report, effort)) is not None:
             return earlier
         report("finding starts")
-        evidence, starts = best_fit(study, accuracy, best.watched(self.run), report, self.loss, self.excused, effort)
+        evidence, starts = best_fit(
+            study, accuracy, best.watched(self.run), report, self.loss, self.held_values_explain, effort
+        )
         table = None
         if self.starts:
             problem, usual = evidence.problem, evidence.fit

@@ -78,7 +78,7 @@ def test_the_command_says_by_its_status_whether_it_worked(tmp_path, monkeypatch,
     assert json.loads((tmp_path / "a" / "estimate.json").read_text())["converged"]
     assert main(["identify", str(study), "--out", str(tmp_path / "a")]) == 2
     monkeypatch.setattr(fitting, "MAX_ITERATIONS", 1)
-    monkeypatch.setattr(races.Contest, "is_poor", lambda *_: False)  # other starts, an iteration each, would do it
+    monkeypatch.setattr(races.RaceContext, "is_poor", lambda *_: False)  # other starts, an iteration each, would do it
     capsys.readouterr()
     assert main(["identify", str(study), "--out", str(tmp_path / "b")]) == 3
     assert "did not converge" in capsys.readouterr().err

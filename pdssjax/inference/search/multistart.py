@@ -34,14 +34,14 @@ from ..stack_parameters import platform_alone_records
 from ..variable_projection import is_separable
 from .races import (
     MOST_RESTARTS,
-    Contest,
+    RaceContext,
     beyond_discontinuity,
     platform_unobserved,
     race,
     ranked,
     reason_at_first,
     reason_in_the_end,
-    shown,
+    starts_to_report,
 )
 
 
@@ -179,12 +179,13 @@ def best_fit(
     run: FitMethod,
     report: Progress,
     loss: AbstractLoss | None = None,
-    excused: Callable[[Fit, Problem], bool] | None = None,
+    held_values_explain: Callable[[Fit, Problem], bool] | None = None,
     effort: Effort = USUAL,
 ) -> tuple[Evidence, dict[str, float]]:
-    """The fit from the study's starts; where it is poor and not `excused`, the best from several found from the data.
+    """The fit from the study's starts; where that is poor, the best from several found from the data.
 
-    As many as the `effort` allows: once its evaluations are spent other starts are no longer fitted.
+    As many as the `effort` allows: once its evaluations are spent other starts are no longer fitted.  No other start is
+    tried where `held_values_explain` what a poor fit leaves.
 
     **Returns:** the fit, of a problem with the noise found, as evidence; and the starts it came from.
     """
@@ -196,30 +197,30 @@ def best_fit(
         return Evidence(problem, fit, study), starts
     budget = Budget(effort)
     tried, unobserved = budget.counted(run), missing and platform_unobserved(study, problem)
-    contest = Contest(study, problem, [], unobserved, tried, report, excused, effort)
+    context = RaceContext(study, problem, [], unobserved, tried, report, held_values_explain, effort)
     if missing:
-        contest.found = ranked(study.parameters, starts, contest)
-        fit = tried(problem, contest.found[0], report, 12)  # it goes on only where that looks promising
+        context.searched_starts = ranked(study.parameters, starts, context)
+        fit = tried(problem, context.searched_starts[0], report, 12)  # it goes on only where that looks promising
         if not fit.success and Evidence(problem, fit).reduced_chi2 < 2.0:
             fit = summed(tried(problem, problem.decode(fit.free), report), [fit])
-        starts = shown(contest.found[0], starts, contest)
+        starts = starts_to_report(context.searched_starts[0], starts, context)
     else:
         fit = tried(problem, starts, report)
-    raced = reason_at_first(fit, contest)
+    raced = reason_at_first(fit, context)
     if raced:
-        fit, starts = race(raced, fit, starts, contest)
+        fit, starts = race(raced, fit, starts, context)
     if effort.compares:
         fit = beyond_discontinuity(fit, problem, tried, report, effort.some(MOST_RESTARTS))
-    again = reason_in_the_end(fit, starts, contest, bool(raced))
+    again = reason_in_the_end(fit, starts, context, bool(raced))
     if again:
-        fit, starts = race(again, fit, starts, contest)
+        fit, starts = race(again, fit, starts, context)
     if budget.refused and fit.ending == Ending.RUNNING:  # the best of what was begun, brought to its end
         fit = summed(run(problem, problem.decode(fit.free), report), [fit])
     fit, problem = with_noise(fit, problem, run, report)
     if budget.refused:
         refused = f"; after {budget.spent} evaluations no other start was fitted{effort.advice}"
         fit = fit._replace(message=fit.message + refused)
-    return contest.evidence(fit) if problem is contest.problem else Evidence(problem, fit, study), starts
+    return context.evidence(fit) if problem is context.problem else Evidence(problem, fit, study), starts
 
 
 APART = 1.0

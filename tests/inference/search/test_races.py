@@ -191,7 +191,7 @@ def test_what_was_measured_apart_is_held_where_the_fit_put_it_when_others_are_sc
         races, "scatter_starts", lambda models, parameters, records, around, held, loss: [(around, held)]
     )
     study = SimpleNamespace(models=None, parameters={}, records=())
-    contest = races.Contest(study, problem, [], False, run, lambda message: None)
+    contest = races.RaceContext(study, problem, [], False, run, lambda message: None)
     ((around, held),) = races._scattered(SimpleNamespace(free=np.array([2.0, 3.01])), at(5.0, 5.0), contest)
     assert held == ["friction.f_c"] and around == at(5.0, 3.01)
 
@@ -240,7 +240,7 @@ def test_a_long_way_from_starts_given_that_leads_to_no_end_is_compared_with_a_se
 
 
 def reason_in_the_end(problem, fit, starts, raced):
-    contest = races.Contest(SimpleNamespace(parameters={}, records=()), problem, [], False, run, None)
+    contest = races.RaceContext(SimpleNamespace(parameters={}, records=()), problem, [], False, run, None)
     return races.reason_in_the_end(fit, starts, contest, raced)
 
 
@@ -381,7 +381,7 @@ def test_a_fit_that_misses_a_record_that_was_not_fitted_is_compared_with_others(
         return (Missed(validation, unknown),)
 
     monkeypatch.setattr(evidence_of_fit, "missed_records", missed)
-    contest = races.Contest(study, problem, [], False, run, None, excused)
+    contest = races.RaceContext(study, problem, [], False, run, None, excused)
     assert races.reason_at_first(fit, contest) == reason
     # Residuals are 1.7 times the distance from (1, 1).
     np.testing.assert_allclose(asked, [np.eye(2) / 1.7**2][: len(asked)])

@@ -84,7 +84,7 @@ def test_other_optima_are_not_looked_for_where_the_stack_explains_what_is_left(m
     monkeypatch.setattr(held_stack, "rejoined", lambda study, point, *_: point)
     monkeypatch.setattr(held_stack, "with_stack_freed", lambda fit, problem, stack: freed(fit, problem))
     excused = lambda fit, problem: held_stack.due_to_stack(None, STACK, None, fit, problem)  # pyright: ignore
-    contest = lambda excused: races.Contest(
+    contest = lambda excused: races.RaceContext(
         SimpleNamespace(parameters={}, records=()), problem, [], False, None, None, excused
     )
     assert races.reason_at_first(fit, contest(None)) == "poor"
