@@ -102,7 +102,8 @@ def test_the_start_leaves_little_more_than_noise(tmp_path, kind, elements):
     span, creep, lasts = (starts[f"piezo.{name}"] for name in ("play_range", "creep_1", "creep_time"))
     left = record.measured - simulated(record.time, decaying_as_sampled(record), begun, span, creep, lasts)
     left -= (starts["piezo.gain"] - 8e-8) * decaying_as_sampled(record)
-    assert np.std(left) < 1.1 * NOISE
+    # Each element that gets no weight begins at a thousandth of the gain: of 24 most do.
+    assert np.std(left) < (1.1 if elements < 24 else 1.2) * NOISE
     assert span == pytest.approx(90.0, rel=0.05 if elements < 24 else 0.3)
     assert starts["piezo.gain"] + begun.sum() + creep == pytest.approx(8e-8 + weights.sum() + 6e-9, rel=0.02)
 

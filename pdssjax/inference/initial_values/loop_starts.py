@@ -35,7 +35,7 @@ _ROUNDS = 4
 """Largest number of steps by one factor."""
 
 _UNUSED = 1e-3
-"""Where a weight begins that comes out as zero, in parts of the gain."""
+"""Where a weight begins that comes out as no more than that, in parts of the gain."""
 
 
 class _Loop(NamedTuple):
@@ -98,10 +98,10 @@ def loop_starts(
     for name in names:
         if name in known:
             grid.append([known[name]])
-        elif name in ranges:
-            grid.append([float(time) for time in np.geomspace(ranges[name].low, ranges[name].high, _TIMES)])
-        else:
+        elif trial.declared[name].unit == "V":
             grid.append([share * swing for share in _RANGES])
+        else:
+            grid.append([float(time) for time in np.geomspace(ranges[name].low, ranges[name].high, _TIMES)])
     by_first: dict[float, tuple[float, tuple[float, ...]]] = {}
     for point in itertools.product(*grid):
         left = trial.left(point)
@@ -129,12 +129,13 @@ class _Trial(NamedTuple):
         return self._solved(point)[1]
 
     def best_weights(self, point: Sequence[float]) -> dict[str, float]:
-        """The weights that leave the least, by name, none zero: a fit's unit is the size of its start."""
+        """The weights that leave the least, by name, none next to zero: a fit's unit is the size of its start."""
         found, _ = self._solved(point)
         gain = found.get("gain") or self.known.get("gain") or max(found.values(), default=1e-7) or 1e-7
         swing = max(float(np.max(np.abs(loop.volts))) for loop in self.loops)
         power = lambda name: int(name.rpartition("_")[2]) if name.startswith("asymmetry_") else 1
-        return {name: number or _UNUSED * gain / swing ** (power(name) - 1) for name, number in found.items()}
+        least = {name: _UNUSED * gain / swing ** (power(name) - 1) for name in found}
+        return {name: number if abs(number) > least[name] else least[name] for name, number in found.items()}
 
     def _solved(self, point: Sequence[float]) -> tuple[dict[str, float], float]:
         numbers, rows, targets, names = dict(zip(self.piezo.loop_numbers or (), point, strict=True)), [], [], []
