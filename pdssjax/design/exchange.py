@@ -33,7 +33,7 @@ class Candidates(NamedTuple):
     """The candidates of a plan; each may be chosen several times."""
 
     information: Float[np.ndarray, "candidates draws q q"]
-    takes: Float[np.ndarray, "candidates resources"]
+    resources: Float[np.ndarray, "candidates resources"]
     """How much of each resource each candidate takes: samples, records, seconds, cost."""
 
 
@@ -87,8 +87,8 @@ def _known(candidates: Candidates, search: Search, plan: Sequence[int]) -> Float
 
 def _affordable(candidates: Candidates, search: Search, plan: Sequence[int]) -> Bool[np.ndarray, " candidates"]:
     """Which candidates the budget leaves room for beside those of a `plan`."""
-    left = search.budget - candidates.takes[list(plan)].sum(axis=0)
-    return np.all(candidates.takes <= left * (1 + 1e-9) + 1e-12, axis=1)
+    left = search.budget - candidates.resources[list(plan)].sum(axis=0)
+    return np.all(candidates.resources <= left * (1 + 1e-9) + 1e-12, axis=1)
 
 
 def _best_of(
@@ -111,10 +111,10 @@ def _greedy(candidates: Candidates, search: Search, plan: list[int]) -> list[int
     """The `plan` with more candidates; each takes an even share of what is left of the budget, where one does."""
     plan, records = list(plan), int(search.budget[1])
     while len(plan) < records:
-        left = search.budget - candidates.takes[plan].sum(axis=0)
+        left = search.budget - candidates.resources[plan].sum(axis=0)
         even = left / (records - len(plan))
         open_ = _affordable(candidates, search, plan)
-        modest = open_ & np.all(candidates.takes <= np.where(np.isfinite(even), even, np.inf) * (1 + 1e-9), axis=1)
+        modest = open_ & np.all(candidates.resources <= np.where(np.isfinite(even), even, np.inf) * (1 + 1e-9), axis=1)
         best = _best_of(candidates, search, plan, np.flatnonzero(modest if modest.any() else open_))
         if best is None:
             break
@@ -142,7 +142,7 @@ def _exchange_pairs(candidates: Candidates, search: Search, plan: list[int], lea
     The first of these is the best with at most `_SMALLER` of the samples of the one that it replaces, or else the best
     of all; the second is the best beside it.
     """
-    sizes = candidates.takes[:, 0]
+    sizes = candidates.resources[:, 0]
 
     def replacement(first: int, second: int) -> tuple[list[int], float] | None:
         """A better plan without the candidates at these places; None where none was found."""
@@ -168,7 +168,7 @@ def promising(candidates: Candidates, search: Search, count: int) -> list[int]:
     plan = best_selection(candidates, search, rounds=2, starts=1)
     known = _known(candidates, search, plan)
     scores = search.scores(known, candidates.information)
-    sizes = candidates.takes[:, 0]
+    sizes = candidates.resources[:, 0]
     classes = np.unique(sizes)
     each = max(1, count // classes.size)
     kept = set(plan)

@@ -67,14 +67,20 @@ def misfit_by_kind(records: list[tuple[str, float]]) -> dict[str, float]:
     return found
 
 
+def slopes_of(study: Study, knowledge: Knowledge) -> dict[str, float]:
+    """By path of a free parameter, its change [SI] by one on the fit's scale, at the numbers known."""
+    transform = transform_of(study.parameters, knowledge.values)
+    slopes = transform.slope(transform.encode(knowledge.values))
+    return {path: float(slope) for path, slope in zip(transform.paths, slopes, strict=True)}
+
+
 def prior_information(study: Study, knowledge: Knowledge, paths: tuple[str, ...]) -> Float[np.ndarray, "p p"]:
     """The information known before on the free parameters `paths`, on the fit's scale.
 
     It is the inverse of the estimate's covariance; without an estimate what the study says was measured apart.
     """
     information = np.zeros((len(paths), len(paths)))
-    transform = transform_of(study.parameters, knowledge.values)
-    slope = dict(zip(transform.paths, transform.slope(transform.encode(knowledge.values)), strict=True))
+    slope = slopes_of(study, knowledge)
     if knowledge.names:
         rows = [(i, paths.index(name)) for i, name in enumerate(knowledge.names) if name in paths]
         inside, places = [i for i, _ in rows], [place for _, place in rows]

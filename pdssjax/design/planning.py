@@ -24,7 +24,7 @@ from .criteria import CRITERIA, AbstractCriterion, Combinations, Determinant, Di
 from .exchange import Candidates, Search, best_selection, promising
 from .experiments import CompleteLimits, Experiment, Limits, Resources, completed_limits, possible_experiments
 from .information import check_seen, inverse_of, least_squares_errors, unseen_combinations
-from .plan import Errors, Knowledge, Plan, PlannedRecord, knowledge_of, prior_information
+from .plan import Errors, Knowledge, Plan, PlannedRecord, knowledge_of, prior_information, slopes_of
 from .refinement import Pair, Refinement, refined
 from .sampling import Schedule, contact_schedules, possible_schedules
 from .survey import Point, Simulation, Survey
@@ -136,10 +136,14 @@ def _checked_aim(study: Study, aim: Aim) -> Aim:
     for path in aim.parameters:
         if path not in free:
             raise InputError(f'parameter: found "{path}", which is not free in the study; {nearest(path, free)}')
-    needs = {"parameter": aim.parameters, "prediction": aim.speed_at, "discrimination": aim.rival}
-    if not needs.get(aim.criterion, True):
-        expected = {"parameter": "paths of parameters", "prediction": "speed_at", "discrimination": "a rival study"}
-        raise InputError(f'criterion: found "{aim.criterion}" alone, expected {expected[aim.criterion]} with it.')
+    needs = {
+        "parameter": (aim.parameters, "paths of parameters"),
+        "prediction": (aim.speed_at, "speed_at"),
+        "discrimination": (aim.rival, "a rival study"),
+    }
+    given, expected = needs.get(aim.criterion, (True, ""))
+    if not given:
+        raise InputError(f'criterion: found "{aim.criterion}" alone, expected {expected} with it.')
     return aim
 
 
@@ -151,7 +155,10 @@ def _check_budget(study: Study, budget: Resources, limits: CompleteLimits) -> No
             "8 samples for each."
         )
     if not (budget.seconds > 0 and budget.cost >= limits.record_cost):
-        raise InputError(f"{where}: found {budget.seconds:g} s and a cost of {budget.cost:g}, which pay no record.")
+        raise InputError(
+            f"{where}: found {budget.seconds:g} s and a cost of {budget.cost:g}, expected more than 0 s and at "
+            f"least the {limits.record_cost:g} that a record costs."
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -176,10 +183,10 @@ class _Planning:
         self._simulate(self.experiments, points[:1], "simulating and differentiating")
         usable = [e for e in self.experiments if survey.is_simulated(e) and self._in_range(e)]
         if not usable:
-            raise InputError(f"{self.where}: found no experiment that can be simulated, expected numbers that work.")
+            raise InputError(f"{self.where}: found no experiment that can be simulated, expected wider limits.")
         self.report("computing what each sampling tells")
         pairs = [(e, s) for e in usable for s in self._schedules(e)]
-        pairs = [pair for pair in pairs if np.all(self.takes(*pair) <= self.budget.amounts)]
+        pairs = [pair for pair in pairs if np.all(self.resources_of(*pair) <= self.budget.amounts)]
         if not pairs:
             raise InputError(f"{self.where}: found no record that the budget pays, expected more of it.")
         prior = self._prior()
@@ -198,7 +205,7 @@ class _Planning:
         search = Search(self._criterion(points), everywhere, self.budget.amounts)
         plan = [kept[i] for i in best_selection(self._candidates(kept, range(len(points))), search)]
         if refine:
-            plan = refined(Refinement(survey, search, points, self.takes, self.report), plan)
+            plan = refined(Refinement(survey, search, points, self.resources_of, self.report), plan)
         self.report("computing what the plan promises")
         return self._finished(search, plan, len(pairs), notes)
 
@@ -213,7 +220,7 @@ class _Planning:
         return possible_experiments(self.study, self.limits)
 
     @functools.cached_property
-    def walk(self) -> Experiment | None:
+    def speed_experiment(self) -> Experiment | None:
         """The effector under the sawtooth whose speed is to be predicted; None where no speed is."""
         if self.aim.speed_at is None:
             return None
@@ -224,9 +231,9 @@ class _Planning:
 
     @functools.cached_property
     def survey(self) -> Survey:
-        """Predictions and derivatives of these experiments and of the walk."""
-        walk = [] if self.walk is None else [self.walk]
-        return Survey(self.study, self.aim.rival, self.limits, [*self.experiments, *walk])
+        """Predictions and derivatives of these experiments and of the one whose speed is predicted."""
+        speed = [] if self.speed_experiment is None else [self.speed_experiment]
+        return Survey(self.study, self.aim.rival, self.limits, [*self.experiments, *speed])
 
     @functools.cached_property
     def points(self) -> list[Point]:
@@ -239,7 +246,7 @@ class _Planning:
         spread = self._spread()
         if self.draws == 1 or not spread.any():
             return [Point(centre, rival)]
-        cube = sobol_points(max(2, self.draws), centre.size, self.seed)[: self.draws - 1]
+        cube = sobol_points(self.draws - 1, centre.size, self.seed)
         deviations = ndtri(np.clip(cube, 0.02, 0.98)) @ spread.T
         drawn = np.clip(centre + deviations, transform.low, transform.high)
         return [Point(centre, rival), *(Point(row, rival) for row in drawn)]
@@ -284,7 +291,7 @@ class _Planning:
         starts = experiment.corners()[:3]
         return possible_schedules(experiment.period, starts, share, most, limits.interval, limits.duration)
 
-    def takes(self, experiment: Experiment, schedule: Schedule) -> Float[np.ndarray, "4"]:
+    def resources_of(self, experiment: Experiment, schedule: Schedule) -> Float[np.ndarray, "4"]:
         """Amounts that a record takes of the budget: samples, records, seconds and cost."""
         seconds = max(float(schedule.times(experiment.period)[-1]), 0.0)
         cost = self.limits.record_cost + self.limits.second_cost * seconds
@@ -292,7 +299,7 @@ class _Planning:
 
     def _candidates(self, pairs: Sequence[Pair], numbers: Sequence[int]) -> Candidates:
         information = np.array([self.survey.information(*pair, numbers) for pair in pairs])
-        return Candidates(information, np.array([self.takes(*pair) for pair in pairs]))
+        return Candidates(information, np.array([self.resources_of(*pair) for pair in pairs]))
 
     def _prior(self) -> Float[np.ndarray, "q q"]:
         """The information known before, of the study and of its rival."""
@@ -316,24 +323,25 @@ class _Planning:
         if aim.criterion == "discrimination":
             return Discrimination(len(paths))
         if aim.criterion == "parameter":
-            rows = np.array([np.eye(len(paths))[paths.index(path)] for path in aim.parameters])
+            rows = np.eye(len(paths))[[paths.index(path) for path in aim.parameters]]
             return Combinations(np.repeat(rows[None], len(points), axis=0), ", ".join(aim.parameters))
-        assert aim.speed_at is not None and self.walk is not None
+        assert aim.speed_at is not None and self.speed_experiment is not None
         speed, period = f"speed at {aim.speed_at[0]:g} V and {aim.speed_at[1]:g} Hz", 1.0 / aim.speed_at[1]
         times = np.array([(_CYCLES - 1) * period, _CYCLES * period])
-        responses = self.survey.own.responses([Simulation(self.walk, times, point.free) for point in points])
+        simulations = [Simulation(self.speed_experiment, times, point.free) for point in points]
+        responses = self.survey.own.responses(simulations)
         steps = [float(np.diff(response.predicted)[0]) for response in responses]
         if not all(np.isfinite(step) and step != 0.0 for step in steps):
-            raise InputError(f"{self.where}: found no {speed}.")
+            raise InputError(f"{self.where}: found no {speed}: it is zero there, or cannot be simulated.")
         rows = [np.diff(response.jacobian, axis=0) / step for response, step in zip(responses, steps, strict=True)]
         return Prediction(np.array(rows), f"the {speed}")
 
-    def _undetermined(self, whole: Float[np.ndarray, "q q"]) -> list[str]:
+    def _undetermined(self, information: Float[np.ndarray, "q q"]) -> list[str]:
         """Notes on what all candidates and all that is known leave undetermined; **raises** where the aim needs it."""
-        paths = self.survey.own.paths
-        unseen = unseen_combinations(whole[: len(paths), : len(paths)], paths)
         if self.aim.criterion == "discrimination":
             return []
+        paths = self.survey.own.paths
+        unseen = unseen_combinations(information[: len(paths), : len(paths)], paths)
         every, needed = self.aim.criterion in ("d", "a"), set(self.aim.parameters)
         check_seen([u for u in unseen if every or needed & set(u.exponents)], self.where)
         return [f"No experiment within the limits changes with {combination.words}." for combination in unseen]
@@ -364,7 +372,7 @@ class _Planning:
             for number, (experiment, schedule) in enumerate(plan, start=1)
         )
         known_before = not isinstance(search.criterion, Discrimination) and np.all(
-            np.einsum("kii->ki", search.prior) > 0
+            np.diagonal(search.prior, axis1=1, axis2=2) > 0
         )
         after, by_itself = self._errors(prior + mine), self._errors(mine)
         identified = self._errors_of_identify(plan, [np.zeros_like(prior), prior])
@@ -398,9 +406,7 @@ class _Planning:
         return dict.fromkeys(paths, float("nan")) | found
 
     def _in_si(self, paths: Sequence[str], variances: Float[np.ndarray, " p"]) -> Errors:
-        transform = transform_of(self.study.parameters, self.knowledge.values)
-        slopes = transform.slope(transform.encode(self.knowledge.values))
-        slope = dict(zip(transform.paths, slopes, strict=True))
+        slope = slopes_of(self.study, self.knowledge)
         return {p: float(slope[p] * np.sqrt(max(v, 0.0))) for p, v in zip(paths, variances, strict=True)}
 
     def _errors_of_identify(
@@ -426,7 +432,10 @@ def _contribution(
     own: Float[np.ndarray, "draws q q"],
     value: float,
 ) -> float:
-    """Factor by which the error grows without a record; infinite where the others do not determine it."""
+    """Factor by which the error grows without a record; infinite where the others do not determine it.
+
+    Of a discrimination, the share of the criterion that would be lost.
+    """
     if isinstance(search.criterion, Discrimination):
         return 1.0 - float(search.criterion(search.base + together - own)) / value if value else 0.0
     without = search.prior + together - own

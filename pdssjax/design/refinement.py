@@ -39,7 +39,7 @@ class Refinement(NamedTuple):
     survey: Survey
     search: Search
     points: Sequence[Point]
-    takes: Callable[[Experiment, Schedule], Float[np.ndarray, " resources"]]
+    resources_of: Callable[[Experiment, Schedule], Float[np.ndarray, " resources"]]
     report: Callable[[str], None]
 
     @property
@@ -66,8 +66,8 @@ class Refinement(NamedTuple):
         experiment, schedule = pair
         if not schedule.fits(experiment.period, self.limits.interval, self.limits.duration):
             return False
-        taken = sum((self.takes(*other) for other in others), np.zeros_like(self.search.budget))
-        return bool(np.all(taken + self.takes(*pair) <= self.search.budget * (1 + 1e-9)))
+        taken = sum((self.resources_of(*other) for other in others), np.zeros_like(self.search.budget))
+        return bool(np.all(taken + self.resources_of(*pair) <= self.search.budget * (1 + 1e-9)))
 
 
 def refined(data: Refinement, plan: Sequence[Pair]) -> list[Pair]:

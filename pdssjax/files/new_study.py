@@ -26,8 +26,8 @@ from .guessed_record import (
 from .results_folder import check_empty, staging_folder
 from .toml_table import quoted
 
-_SLOW_TICKS = 2e-3
-"""Interval [s] from which samples do not show how a platform rings."""
+_RINGING_INTERVAL = 2e-3
+"""Interval [s] below which samples show how a platform rings."""
 
 
 def write_study(records: Sequence[NewRecord], rig: RigOptions, folder: Path, title: str) -> Path:
@@ -126,19 +126,19 @@ def study_text(records: Sequence[NewRecord], rig: RigOptions, folder: Path, titl
     """The study file of the `records`, as it stands in `folder`; every guess has a comment that says so."""
     piezo, friction = _choose_models(records)
     by_samples = [_needs_samples(record.guess, piezo) for record in records]
-    records = [_with_samples(record) if needed else record for record, needed in zip(records, by_samples, strict=True)]
-    walks = any(record.guess.measures == "effector" for record in records)
-    why = _WHY_FRICTION[friction] if walks else "no record shows it, and none of its parameters is needed"
+    records = [_with_samples(record) if by else record for record, by in zip(records, by_samples, strict=True)]
+    has_walks = any(record.guess.measures == "effector" for record in records)
+    why = _WHY_FRICTION[friction] if has_walks else "no record shows it, and none of its parameters is needed"
     parts = [
         *head_lines(title),
-        f"piezo = {piezo if piezo in _PUT_TOGETHER else quoted(piezo)}  # guess: {_WHY_PIEZO[piezo]}",
+        f"piezo = {piezo if piezo in _COMPOSED_STACKS else quoted(piezo)}  # guess: {_WHY_PIEZO[piezo]}",
         f'friction = "{friction}"  # guess: {why}',
         "",
         "[parameters]",
-        *_parameters(records, rig, piezo, friction),
+        *_parameters(records, rig, piezo, friction, has_walks),
     ]
-    for record, needed in zip(records, by_samples, strict=True):
-        parts += ["", *_record(record, folder, needed)]
+    for record, by in zip(records, by_samples, strict=True):
+        parts += ["", *_record(record, folder, by)]
     return "\n".join(parts) + "\n"
 
 
@@ -150,14 +150,14 @@ LOOPS = (
 RINGING_LOOPS = '{ dynamics = "second-order", hysteresis = { law = "play", elements = 4, asymmetry = 3 } }'
 """The stack of records that show hysteresis, and how the platform rings after a jump of the voltage."""
 
-_PUT_TOGETHER = {
+_COMPOSED_STACKS = {
     LOOPS: ("gain", "time_constant", "play_*", "play_range", "asymmetry_*", "creep_*", "creep_time"),
     RINGING_LOOPS: ("gain", "natural_frequency", "damping_ratio", "play_*", "play_range", "asymmetry_*"),
 }
 """The parameters of each composed stack, as a study lists them."""
 
 _WHY_PIEZO = {
-    "bouc-wen": "the platform's motion is a loop of the voltage: hysteresis; stacks put together are others",
+    "bouc-wen": "the platform's motion is a loop of the voltage: hysteresis; composed stacks model it otherwise",
     "second-order": "the usual one; pdssjax models lists others",
     "static": "the records are too slow to show how the platform rings",
     LOOPS: "the platform's motion is a loop of the voltage: hysteresis, creep and a lag; see docs/study-file.md",
@@ -172,18 +172,18 @@ _WHY_FRICTION = {
 
 def _choose_models(records: Sequence[NewRecord]) -> tuple[str, str]:
     guesses = [record.guess for record in records]
-    walks = [guess for guess in guesses if guess.measures == "effector"]
+    walk_guesses = [guess for guess in guesses if guess.measures == "effector"]
     fast = any(
         (guess.waveform.has_fast_flanks or guess.waveform.name in ("step", "trapezoid") or _jumps(guess))
-        and sampling_interval(guess) < _SLOW_TICKS
+        and sampling_interval(guess) < _RINGING_INTERVAL
         for guess in guesses
     )
     # A hundredth of the motion, root mean square, that no line of the voltage explains.
     loops = any(guess.hysteresis > 0.01 for guess in guesses if guess.waveform.name in ("sine", "triangle", "sampled"))
-    slow = ("bouc-wen" if walks else LOOPS) if loops else "second-order" if walks else "static"
-    ringing = RINGING_LOOPS if loops and not walks else "second-order"
+    slow = ("bouc-wen" if walk_guesses else LOOPS) if loops else "second-order" if walk_guesses else "static"
+    ringing = RINGING_LOOPS if loops and not walk_guesses else "second-order"
     piezo = ringing if fast else slow
-    both = {guess.waveform.direction for guess in walks} >= {"forward", "backward"}
+    both = {guess.waveform.direction for guess in walk_guesses} >= {"forward", "backward"}
     return piezo, "anisotropic-lugre" if both else "simplified-lugre"
 
 
@@ -192,24 +192,23 @@ def _jumps(guess: RecordGuess) -> bool:
     return guess.volts is not None and bool(np.max(np.abs(np.diff(guess.volts))) > 0.3 * np.ptp(guess.volts))
 
 
-def _parameters(records: Sequence[NewRecord], rig: RigOptions, piezo: str, friction: str) -> list[str]:
+def _parameters(records: Sequence[NewRecord], rig: RigOptions, piezo: str, friction: str, has_walks: bool) -> list[str]:
     lines: list[str] = []
-    walks = any(record.guess.measures == "effector" for record in records)
-    if walks:
-        why = "  # guess: WEIGH IT; with another, stiffness, damping and force scale alike"
+    if has_walks:
+        why = "  # guess: WEIGH IT; stiffness, damping and force are fitted in proportion to it"
         mass, why = ("100 g", why) if rig.mass is None else (f"{1e3 * rig.mass:.6g} g", "")
         lines.append(f'"effector.mass" = {{ value = "{mass}" }}{why}')
-    needed = lambda family, name: [f for f, q in quantities(member(family, name)).items() if not q.optional]
-    entries = dict.fromkeys(_PUT_TOGETHER[piezo] if piezo in _PUT_TOGETHER else needed("piezo", piezo), "{}")
+    required = lambda family, name: [f for f, q in quantities(member(family, name)).items() if not q.optional]
+    entries = dict.fromkeys(_COMPOSED_STACKS.get(piezo) or required("piezo", piezo), "{}")
     if piezo == "bouc-wen":
         why = "  # guess: the records are too slow to show it"
         entries |= {"natural_frequency": f'{{ value = "1 kHz" }}{why}', "damping_ratio": f'{{ value = "20 %" }}{why}'}
     lines += [f'"piezo.{field}" = {entry}' for field, entry in entries.items()]
-    if walks:
-        lines += [f'"friction.{field}" = {{}}' for field in needed("friction", friction)]
+    if has_walks:
+        lines += [f'"friction.{field}" = {{}}' for field in required("friction", friction)]
     # Every sawtooth needs a fall time that leaves its flanks to the fit, of the platform alone, too.
     sawteeth = [record.guess for record in records if record.guess.waveform.has_fast_flanks]
-    if walks or any(map(has_open_flanks, sawteeth)):
+    if has_walks or any(map(has_open_flanks, sawteeth)):
         has_own = lambda guess: has_open_flanks(guess) or "fall_time" in guess.waveform.numbers
         entry = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
         if sawteeth and all(map(has_own, sawteeth)):
@@ -220,8 +219,8 @@ def _parameters(records: Sequence[NewRecord], rig: RigOptions, piezo: str, frict
     lines += open_parameters([(record.name, record.guess) for record in records])
     # Where a sampled voltage jumps the ringing tells when it did.
     jumps = (record.guess for record in records if record.guess.waveform.name == "sampled" and _jumps(record.guess))
-    finest = min(map(sampling_interval, jumps), default=_SLOW_TICKS)
-    if finest < _SLOW_TICKS and not any(line.startswith('"sensor.delay"') for line in lines):
+    finest = min(map(sampling_interval, jumps), default=_RINGING_INTERVAL)
+    if finest < _RINGING_INTERVAL and not any(line.startswith('"sensor.delay"') for line in lines):
         ends = f'start = "{0.5e6 * finest:.4g} us", min = 0, max = "{2e6 * finest:.4g} us"'
         lines.append(f'"sensor.delay" = {{ {ends} }}  # guess: the voltage jumps between two of its samples')
     return lines
@@ -233,8 +232,8 @@ def _needs_samples(guess: RecordGuess, piezo: str) -> bool:
     Loops under straight lines are known in closed form, under a sine they are not; and a stack with hysteresis feels
     the level that a voltage is counted from.
     """
-    curved = piezo in _PUT_TOGETHER and guess.waveform.name == "sine"
-    felt = piezo in (*_PUT_TOGETHER, "bouc-wen") and guess.waveform.counted_from != 0
+    curved = piezo in _COMPOSED_STACKS and guess.waveform.name == "sine"
+    felt = piezo in (*_COMPOSED_STACKS, "bouc-wen") and guess.waveform.counted_from != 0
     return guess.volts is not None and (curved or felt)
 
 
@@ -246,9 +245,8 @@ def _with_samples(record: NewRecord) -> NewRecord:
 
 def _record(record: NewRecord, folder: Path, by_samples: bool) -> list[str]:
     guess, layout = record.guess, record.roles.layout
-    follows = "the motion follows the voltage"
-    walks = "the motion walks, or goes another way than the voltage"
-    told_by = "" if record.measures_given else f"  # guess: {follows if guess.measures == 'platform' else walks}"
+    why = "follows the voltage" if guess.measures == "platform" else "walks, or goes another way than the voltage"
+    told_by = "" if record.measures_given else f"  # guess: the motion {why}"
     motion = record.roles.motion
     lines = record_lines(record.name, record.roles, folder, {q: q for q in ("time", "voltage", motion)})
     lines += scale_lines(layout.scales.get(motion), guess.turned, "the motion goes against the voltage")

@@ -19,9 +19,10 @@ from .event_location import first_crossing
 from .polynomials import horner
 from .step_methods.base import AbstractStepMethod, Piece
 from .step_methods.taylor import shortened
-from .step_table import BECAME_SETTLED, CORNER, EVENT, WHICH, LoopState, barrier, write
+from .step_table import BECAME_SETTLED, CORNER, EVENT, WHICH, LoopState, barrier, table_row
 from .system import SETTLED, AbstractHybridSystem, InputSegment, State, field_of, has_guards, unflattener
 from .taylor_series import Field, Series, constant, polynomial
+from .tracing import choose_each
 
 _FORCED = 1.5
 """Factor by which a step may be longer for components known in closed form, which act on the others as a forcing."""
@@ -51,10 +52,9 @@ def longest_step(
 def _quickest_rate(field: Field, t_local: Scalar, x: Sequence[Scalar], closed: Sequence[int]) -> Scalar:
     """Estimated largest modulus [1/s] of the eigenvalues of the field's Jacobian at `x`; see `span` of the methods.
 
-    After a transient has decayed its coefficients vanish, so that the error of the state allows any step.  Derivatives
-    and the remains of rounding still grow from step to step beyond the method's region of stability.  Two components
-    a, b that act on each other turn or decay at the rate sqrt|J_ab J_ba|, whatever their units; if only one acts on the
-    other, that changes no eigenvalue.
+    Once a transient has decayed, the error of the state allows any step.  Outside the method's region of stability
+    derivatives and what rounding leaves still grow from step to step.  Two components a, b that act on each other turn
+    or decay at the rate sqrt|J_ab J_ba|, whatever their units; if only one acts on the other, no eigenvalue changes.
     """
 
     def flow(x: Float[Array, " components"]) -> Float[Array, " components"]:
@@ -78,8 +78,8 @@ def new_period(
 ) -> tuple[Truth | bool, Truth]:
     """Whether a period of the drive opens here, and whether it repeats the last one.
 
-    It does where both opened settled and in the same state but for a shift: a contact may
-    also rest while it sticks, each time with another force, or while the platform rings.
+    A period repeats the last one if both began settled and in the same state but for a shift.  That nothing slides is
+    not enough: a contact that sticks can rest at another force each time, or while the platform rings.
     """
     if cycle is None:
         return False, jnp.zeros((), bool)
@@ -131,18 +131,18 @@ def one_step(
     )
     x = barrier(x, opaque_one)
     code = corner * CORNER + becomes_settled * BECAME_SETTLED + event * (EVENT + WHICH * which)
-    row = write(loop, piece.step_size, duration, code)
+    row = table_row(loop, piece.step_size, duration, code)
     ahead = loop.index + 1.0
     started, opening = system.on_segment_start(system.segment(ahead), x, mode)
     if system.resets_at_corners:
-        x = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, x)
+        x = choose_each(corner, started, x)
     opening = opening / opaque_one
     cycle = system.period() if repeating else None
     opens, repeats = new_period(cycle, system, control.settle_tolerance, loop, ahead, x, mode, corner)
     finite = jnp.isfinite(sum(jax.tree.leaves(x))) & (duration >= 0)
     hopeless = ~piece.accepted & (loop.rejected > control.patience)
     failure = jnp.where((piece.accepted & ~finite) | hopeless, 2.0, 0.0)
-    moved = LoopState(
+    accepted = LoopState(
         index=loop.index + corner,
         origin=jnp.where(corner, loop.origin + segment.duration, loop.origin),
         t_local=jnp.where(corner, 0.0, t_local),
@@ -154,19 +154,18 @@ def one_step(
         events=loop.events + event,
         failure=failure,
         done=((ended & last) | repeats | (failure > 0)) * 1.0,
-        period_start=tuple(jnp.where(opens, a, b) for a, b in zip(jax.tree.leaves(x), loop.period_start, strict=True)),
+        period_start=choose_each(opens, tuple(jax.tree.leaves(x)), loop.period_start),
         period_start_settled=jnp.where(opens, (mode == SETTLED) * 1.0, loop.period_start_settled),
         period=jnp.where(opens & ~repeats, loop.count + 1, loop.period),
         repeats=repeats * 1.0,
     )
-    again = loop._replace(
+    rejected = loop._replace(
         proposed_step=piece.next_proposed_step,
         rejected=loop.rejected + 1,
         failure=failure,
         done=jnp.where(failure > 0, 1.0, 0.0),
     )
-    loop = jax.tree.map(lambda a, b: jnp.where(piece.accepted, a, b), moved, again)
-    return loop, row, piece.accepted
+    return choose_each(piece.accepted, accepted, rejected), row, piece.accepted
 
 
 def attempt(
@@ -180,10 +179,10 @@ def attempt(
 ) -> Piece:
     """A smooth piece that resolves the state and the system's extra error terms, over which no derivative grows."""
     unflatten = unflattener(system)
-    units = [scale / tolerance for scale in jax.tree.leaves(system.error_scale(unflatten(loop.x)))]
+    error_weights = [scale / tolerance for scale in jax.tree.leaves(system.error_scale(unflatten(loop.x)))]
     field = field_of(system, segment, unflatten, loop.mode)
     allowed = longest_step(field, loop.t_local, loop.x, loop.mode, system.closed_components(), method.span, remaining)
-    piece = method.attempt(field, loop.t_local, list(loop.x), units, allowed, loop.proposed_step, opaque_one)
+    piece = method.attempt(field, loop.t_local, list(loop.x), error_weights, allowed, loop.proposed_step, opaque_one)
     motion = unflatten([polynomial(c) for c in piece.polynomials])
     extra = cast("tuple[Series, ...]", system.extra_error_terms(motion, loop.mode))
     return shortened(piece, extra, tolerance, opaque_one) if extra else piece
@@ -223,10 +222,10 @@ def _after_step(
     mode = loop.mode
     if has_guards(system, segment, t_local, x, mode):
         switched, following = system.after_event(segment, t_local, x, mode, which)
-        x = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, x)
+        x = choose_each(event, switched, x)
         mode = jnp.where(event, following, mode) / opaque_one
     becomes_settled = ~ended & system.is_settled(segment, t_local, x, mode, settle_tolerance)
     becomes_settled = jnp.where(becomes_settled, 1.0, 0.0) / opaque_one
     projected = system.project_to_steady(segment, t_local, x, mode)
-    x = jax.tree.map(lambda a, b: jnp.where(becomes_settled > 0, a, b), projected, x)
+    x = choose_each(becomes_settled > 0, projected, x)
     return x, jnp.where(becomes_settled > 0, SETTLED, mode), becomes_settled

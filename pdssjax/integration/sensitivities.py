@@ -253,5 +253,5 @@ def _known_step(system: AbstractHybridSystem, tolerance: Scalar, row: Float[Arra
     unflatten = unflattener(system)
     field = field_of(system, system.segment(step.index), unflatten, step.mode)
     scales = lax.stop_gradient(system.error_scale(unflatten(step.x)))
-    units = [scale / tolerance for scale in jax.tree.leaves(scales)]
-    return KnownStep(field, step.t_local, list(step.x), units, step.step_size)
+    error_weights = [scale / tolerance for scale in jax.tree.leaves(scales)]
+    return KnownStep(field, step.t_local, list(step.x), error_weights, step.step_size)

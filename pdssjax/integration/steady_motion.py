@@ -20,7 +20,7 @@ from .periodic_orbit import CONFIRMED, SHORT, Orbit, multipliers, newton_orbit, 
 from .restart import restarted
 from .solution import SteppedRun, integrate_steps
 from .system import AbstractHybridSystem, State, unflattener
-from .tracing import zeros_of
+from .tracing import choose_each, zeros_of
 
 PERIODS = 3
 """A motion may repeat after 1, 2 or 3 cycles."""
@@ -157,7 +157,7 @@ def steady_state(
 @jax.custom_jvp
 def _chosen(ok: Truth, orbit: Opening, integrated: Opening) -> Opening:
     """The opening on the `orbit`, or that of the `integrated` cycles, whose derivatives are NaN."""
-    return jax.tree.map(lambda a, b: jnp.where(ok, a, b), orbit, integrated)
+    return choose_each(ok, orbit, integrated)
 
 
 @_chosen.defjvp

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from ..core import Count, Scalar, Truth
 from .step_table import Row, read
 from .system import SETTLED, AbstractHybridSystem, InputSegment, State, has_guards, unflattener
+from .tracing import choose_each
 
 _SMALL = 1e-11
 """Amplitude [m] of a motion below which derivatives are carried back from its events to a fixed time."""
@@ -112,22 +113,19 @@ def _next_start(
     following, next_mode, events = shifted, step.mode, has_guards(system, segment, at, shifted, step.mode)
     if events:
         switched, next_mode = system.after_event(segment, later, shifted, step.mode, step.which)
-        following = _where(step.event, switched, shifted)
+        following = choose_each(step.event, switched, shifted)
         next_mode = jnp.where(step.event, next_mode, step.mode)
-    following = _where(step.becomes_settled, system.project_to_steady(segment, later, following, next_mode), following)
+    projected = system.project_to_steady(segment, later, following, next_mode)
+    following = choose_each(step.becomes_settled, projected, following)
     if events:
         next_mode = jnp.where(step.becomes_settled, SETTLED, next_mode)
-        following = _where(shift.is_carried_back, carried_back(following, next_mode), following)
+        following = choose_each(shift.is_carried_back, carried_back(following, next_mode), following)
         later = jnp.where(shift.is_carried_back, at, later)
     if system.resets_at_corners:
         started, _ = system.on_segment_start(system.segment(step.index + 1.0), following, step.mode)
-        following = _where(step.corner, started, following)
+        following = choose_each(step.corner, started, following)
     origin = step.origin + jnp.where(step.corner, segment.duration, 0.0)
     return jnp.stack([origin, jnp.where(step.corner, 0.0, later), *jax.tree.leaves(following)])
-
-
-def _where(condition: Truth, new: State, old: State) -> State:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
 
 
 def rates_at_end(
@@ -152,7 +150,7 @@ def rates_at_end(
 
     exact = jax.jvp(later, (jnp.zeros_like(duration),), (jnp.ones_like(duration),))[1]
     # In other modes the field has them, too, and bit for bit the same before an event and after it.
-    return lax.stop_gradient(jax.tree.map(lambda a, b: jnp.where(mode == SETTLED, a, b), exact, rates))
+    return lax.stop_gradient(choose_each(mode == SETTLED, exact, rates))
 
 
 def _tangent_only(x: Scalar) -> Scalar:

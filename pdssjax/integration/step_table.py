@@ -73,7 +73,7 @@ Table: TypeAlias = Float[Array, "room columns"]
 """One row for each step: time and state at its start, then the `KNOWN_COLUMNS`; room to spare."""
 
 
-def write(loop: LoopState, step_size: Scalar, duration: Scalar, code: Scalar) -> Float[Array, " columns"]:
+def table_row(loop: LoopState, step_size: Scalar, duration: Scalar, code: Scalar) -> Float[Array, " columns"]:
     """The row of a step that starts where the `loop` is, of which the code is a sum of bits."""
     return jnp.stack([loop.origin, loop.t_local, *loop.x, loop.index, loop.mode, step_size, duration, code])
 

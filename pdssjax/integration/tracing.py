@@ -43,6 +43,11 @@ def choose(condition: Operand, x: Operand, y: Operand) -> Operand:
     return lax.select(condition, *pair)
 
 
+def choose_each(condition: Truth | bool, x: Result, y: Result) -> Result:
+    """x where the condition, a number, holds, else y: pytrees of one structure."""
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), x, y)
+
+
 def _of_one_shape(x: Any, y: Any) -> tuple[Any, Any] | None:
     """Both with one shape and type, at least one of them traced; None where that takes more than a look."""
     if isinstance(x, Tracer):

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from ..core import Figure, InputError, Quantity, presenter
 from .blocks import GRAZING
-from .points import STEP, AbstractPoints
+from .points import AXIS_STEP, AbstractPoints
 
 if TYPE_CHECKING:
     import xarray
@@ -114,7 +114,7 @@ def _of_sigma_points(values: "xarray.DataArray", dimension: str) -> dict[str, "x
     down = values.isel({dimension: slice(2, None, 2)})
     axes, directions = slice(None, up.sizes[dimension] // 2), slice(up.sizes[dimension] // 2, None)
     odd, even = (up - down) / 2.0, (up + down) / 2.0 - middle
-    variance = ((odd.isel({dimension: axes}) / STEP) ** 2).sum(dimension, skipna=False)
+    variance = ((odd.isel({dimension: axes}) / AXIS_STEP) ** 2).sum(dimension, skipna=False)
     # Apart, since one may hide the other: what bends both ways is missed by both.
     linear, curved = ((part.isel({dimension: directions}) ** 2).mean(dimension, skipna=False) for part in (odd, even))
     straight = (abs(linear - variance) + curved <= MOST_CURVATURE * variance).astype(float)

@@ -8,14 +8,14 @@ at +h and -h standard deviations along each of the p principal axes of the covar
 
     slope = (f+ - f-) / (2 h),        variance = sum over axes of slope^2
 
-to first order.  Whether that holds is asked as far away as draws lie: at +r and -r along p random directions at right
+to first order.  First order is tested at the usual distance of a draw: at +r and -r along p random directions at right
 angles to each other, r = sqrt(p), over which the mean square of the linear change is the variance itself.  With the odd
 part o = (f+ - f-) / 2 and the even part e = (f+ + f-) / 2 - f of the change that is found there, what first order
 misses of the variance is
 
     mean of (o^2 + e^2) - variance.
 
-Products of parameters show there as well as squares and breaks: along principal axes alone products do not.
+Unlike principal axes, random directions also show products of parameters.
 """
 
 import abc
@@ -91,6 +91,14 @@ def check_ranges(ranges: Mapping[str, Sequence[float]], count: int) -> None:
             )
 
 
+def _columns(values: Mapping[str, Float[ArrayLike, " values"]]) -> dict[str, Float[np.ndarray, " values"]]:
+    """By path, its values as an array; **raises** as `check_values` does."""
+    columns = {path: np.atleast_1d(np.asarray(given, float)) for path, given in values.items()}
+    for path, column in columns.items():
+        check_values(path, column)
+    return columns
+
+
 class Grid(AbstractPoints):
     """Every combination of the values of each axis, the last axis running fastest; one point where there is none."""
 
@@ -98,10 +106,7 @@ class Grid(AbstractPoints):
     """By path, its values [SI]."""
 
     def __init__(self, axes: Mapping[str, Float[ArrayLike, " values"]]):
-        self.axes = {path: np.atleast_1d(np.asarray(values, float)) for path, values in axes.items()}
-        self.paths = tuple(self.axes)
-        for path, values in self.axes.items():
-            check_values(path, values)
+        self.axes, self.paths = _columns(axes), tuple(axes)
 
     def dimensions(self) -> dict[str, int]:
         return {path.replace(".", "_"): values.size for path, values in self.axes.items()}
@@ -121,10 +126,7 @@ class Listed(AbstractPoints):
     """By path, the values [SI] of all points."""
 
     def __init__(self, columns: Mapping[str, Float[ArrayLike, " points"]]):
-        self.columns = {path: np.atleast_1d(np.asarray(values, float)) for path, values in columns.items()}
-        self.paths = tuple(self.columns)
-        for path, values in self.columns.items():
-            check_values(path, values)
+        self.columns, self.paths = _columns(columns), tuple(columns)
         lengths = {path: values.size for path, values in self.columns.items()}
         if len(set(lengths.values())) != 1:
             raise InputError(f"sweep: found a list with columns of lengths {lengths}, expected columns of one length.")
@@ -150,7 +152,7 @@ class AbstractSample(AbstractPoints):
         self.paths = tuple(self.ranges)
 
     @abc.abstractmethod
-    def unit_cube(self, paths: int) -> Float[np.ndarray, "points paths"]:
+    def unit_cube(self, dimension: int) -> Float[np.ndarray, "points paths"]:
         """`count` points in the unit cube; the same for the same seed."""
 
     def dimensions(self) -> dict[str, int]:
@@ -164,17 +166,17 @@ class AbstractSample(AbstractPoints):
 class Sobol(AbstractSample):
     """The first `count` points of a scrambled Sobol sequence over the ranges."""
 
-    def unit_cube(self, paths: int) -> Float[np.ndarray, "points paths"]:
-        return sobol_points(self.count, paths, self.seed)
+    def unit_cube(self, dimension: int) -> Float[np.ndarray, "points paths"]:
+        return sobol_points(self.count, dimension, self.seed)
 
 
 class LatinHypercube(AbstractSample):
     """`count` points, one in every slice of every range."""
 
-    def unit_cube(self, paths: int) -> Float[np.ndarray, "points paths"]:
+    def unit_cube(self, dimension: int) -> Float[np.ndarray, "points paths"]:
         from scipy.stats import qmc
 
-        return qmc.LatinHypercube(paths, rng=np.random.default_rng(self.seed)).random(self.count)
+        return qmc.LatinHypercube(dimension, rng=np.random.default_rng(self.seed)).random(self.count)
 
 
 class CovarianceDraws(AbstractPoints):
@@ -203,22 +205,22 @@ class CovarianceDraws(AbstractPoints):
 
     def values(self) -> Float[np.ndarray, "points paths"]:
         normal = np.random.default_rng(self.seed).standard_normal((self.count, len(self.means)))
-        return self.moved(normal @ self.root().T)
+        return self.moved(normal @ self.principal_axes().T)
 
     def scattered(self) -> dict[str, Scatter]:
         errors = np.sqrt(np.diag(self.covariance))
         return {p: Scatter(float(m), float(e)) for p, m, e in zip(self.paths, self.means, errors, strict=True)}
 
-    def root(self) -> Float[np.ndarray, "paths axes"]:
-        """A square root of the covariance [1, or SI where not positive], on the scale of `moved`.
+    def principal_axes(self) -> Float[np.ndarray, "paths axes"]:
+        """The principal axes as columns, a square root of the covariance [1, or SI where not positive].
 
-        Its columns are the principal axes.
+        On the scale of `moved`.
         """
         unit = np.where(self.positive, self.means, 1.0)
         # By eigenvalues: a covariance with a parameter that another determines has no Cholesky factor.
-        spread = np.sqrt(np.diag(self.covariance)) / np.abs(unit)
-        safe = np.where(spread > 0, spread, 1.0)
-        scaled = self.covariance / np.outer(unit * safe, unit * safe)
+        spread = np.sqrt(np.diag(self.covariance)) / unit
+        scale = unit * np.where(spread > 0, spread, 1.0)
+        scaled = self.covariance / np.outer(scale, scale)
         variances, directions = np.linalg.eigh(scaled)
         return spread[:, None] * directions * np.sqrt(np.clip(variances, 0.0, None))
 
@@ -250,15 +252,15 @@ class GivenDraws(AbstractPoints):
         return {"draw": len(self._values)}
 
     def scattered(self) -> dict[str, Scatter]:
-        """Scatter about the study's number: draws made elsewhere have no centre but their mean."""
+        """By the standard deviation of the draws about their mean; which estimate they belong to is not known."""
         return {path: Scatter(None, float(e)) for path, e in zip(self.paths, self._values.std(axis=0), strict=True)}
 
     def values(self) -> Float[np.ndarray, "points paths"]:
         return self._values
 
 
-STEP = 0.5
-"""h, in standard deviations."""
+AXIS_STEP = 0.5
+"""Distance of sigma points along an axis, in standard deviations: h above."""
 
 
 class SigmaPoints(AbstractPoints):
@@ -278,11 +280,11 @@ class SigmaPoints(AbstractPoints):
         return self.draws.scattered()
 
     def values(self) -> Float[np.ndarray, "points paths"]:
-        axes = self.draws.root().T
+        axes = self.draws.principal_axes().T
         count = len(axes)
         # The same directions in every sweep.
         directions = np.linalg.qr(np.random.default_rng(0).standard_normal((count, count)))[0]
-        out = np.concatenate([STEP * axes, np.sqrt(count) * directions @ axes])
+        out = np.concatenate([AXIS_STEP * axes, np.sqrt(count) * directions @ axes])
         away = np.concatenate([np.zeros((1, len(self.paths))), np.repeat(out, 2, axis=0)])
         away[2::2] *= -1.0
         return self.draws.moved(away)

@@ -36,7 +36,7 @@ class Candidate(NamedTuple):
     """A start, and how far the fit from it has come."""
 
     start: dict[str, float]
-    point: dict[str, float]
+    point: Values
     iterations: int
 
 

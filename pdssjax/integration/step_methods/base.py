@@ -35,7 +35,7 @@ class KnownStep(NamedTuple):
     """Local time at its start [s]."""
     x: list[Scalar]
     """State at its start."""
-    units: list[Scalar]
+    error_weights: list[Scalar]
     step_size: Scalar
     """Length for which the polynomials hold [s]."""
 
@@ -43,7 +43,7 @@ class KnownStep(NamedTuple):
 class AbstractStepMethod(eqx.Module):
     """A way to advance a smooth piece of the motion by one step.
 
-    The state `x` is a list of scalars, and so are the `units`, which turn each component into tolerances.
+    The state `x` is a list of scalars, and so are the `error_weights`, which turn each component into tolerances.
     `opaque_one` is a 1 unknown to the compiler: see `taylor_series`.
     """
 
@@ -63,7 +63,7 @@ class AbstractStepMethod(eqx.Module):
         field: Field,
         t_local: Scalar,
         x: Sequence[Scalar],
-        units: Sequence[Scalar],
+        error_weights: Sequence[Scalar],
         remaining: Scalar,
         proposed_step: Scalar,
         opaque_one: Scalar,

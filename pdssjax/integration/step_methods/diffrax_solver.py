@@ -49,13 +49,13 @@ class OneStep(AbstractStepMethod):
         field: Field,
         t_local: Scalar,
         x: Sequence[Scalar],
-        units: Sequence[Scalar],
+        error_weights: Sequence[Scalar],
         remaining: Scalar,
         proposed_step: Scalar,
         opaque_one: Scalar,
     ) -> Piece:
         step_size = jnp.minimum(proposed_step, remaining)
-        polynomials, error, ok = self._step(field, t_local, x, units, step_size)
+        polynomials, error, ok = self._step(field, t_local, x, error_weights, step_size)
         size = jnp.max(jnp.abs(error))
         size = jnp.where(ok & jnp.isfinite(size), size, 1e10)
         order = self.solver.order(diffrax.ODETerm(lambda t, y, args: y)) or 1
@@ -75,9 +75,9 @@ class OneStep(AbstractStepMethod):
         return [jnp.stack(coefficients) for coefficients in polynomials]
 
     def _step(
-        self, field: Field, t_local: Scalar, x: Sequence[Scalar], units: Sequence[Scalar], step_size: Scalar
+        self, field: Field, t_local: Scalar, x: Sequence[Scalar], error_weights: Sequence[Scalar], step_size: Scalar
     ) -> tuple[Polynomials, Float[Array, " components"], Truth]:
-        scale = jnp.stack(units)
+        scale = jnp.stack(error_weights)
 
         def scaled(time: Any, state: Float[Array, " components"], args: object) -> Float[Array, " components"]:
             rates = field(t_local + time * step_size, tuple(state / scale))

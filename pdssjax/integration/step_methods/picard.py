@@ -45,7 +45,7 @@ class Picard(AbstractStepMethod):
         field: Field,
         t_local: Scalar,
         x: Sequence[Scalar],
-        units: Sequence[Scalar],
+        error_weights: Sequence[Scalar],
         remaining: Scalar,
         proposed_step: Scalar,
         opaque_one: Scalar,
@@ -53,7 +53,7 @@ class Picard(AbstractStepMethod):
         step_size = jnp.minimum(proposed_step, remaining)
         values, change = self._collocated(field, t_local, x, step_size)
         tail = jnp.max(jnp.abs((jnp.asarray(basis(self.degree).to_chebyshev) @ values)[-2:]), axis=0)
-        scale = jnp.stack(units)
+        scale = jnp.stack(error_weights)
         allowed = jnp.maximum(1.0 / scale, _ROUNDING * jnp.max(jnp.abs(values), axis=0))
         size = jnp.max(jnp.maximum(tail, change) / allowed)
         size = jnp.where(jnp.isfinite(size), size, 1e30)

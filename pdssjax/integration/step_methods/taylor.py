@@ -19,13 +19,13 @@ from ..taylor_series import Field, Series, taylor_coefficients
 from .base import AbstractStepMethod, KnownStep, Piece
 
 
-def resolved_radius(series: Sequence[Sequence[ScalarLike]], units: Sequence[ScalarLike]) -> Scalar:
-    """The length over which the terms of the last two coefficients stay below one unit."""
+def resolved_radius(series: Sequence[Sequence[ScalarLike]], error_weights: Sequence[ScalarLike]) -> Scalar:
+    """The length over which the terms of the last two coefficients stay below the tolerance."""
     lengths = []
     for k in (len(series[0]) - 2, len(series[0]) - 1):
         largest = 1e-100
-        for coefficients, unit in zip(series, units, strict=True):
-            largest = jnp.maximum(largest, jnp.abs(coefficients[k]) * unit)
+        for coefficients, weight in zip(series, error_weights, strict=True):
+            largest = jnp.maximum(largest, jnp.abs(coefficients[k]) * weight)
         lengths.append(jnp.exp(jnp.log(largest) * (-1.0 / k)))
     return 0.95 * jnp.minimum(*lengths)
 
@@ -59,13 +59,13 @@ class Taylor(AbstractStepMethod):
         field: Field,
         t_local: Scalar,
         x: Sequence[Scalar],
-        units: Sequence[Scalar],
+        error_weights: Sequence[Scalar],
         remaining: Scalar,
         proposed_step: Scalar,
         opaque_one: Scalar,
     ) -> Piece:
         series = taylor_coefficients(field, t_local, x, self.order, opaque_one)
-        step_size = jnp.minimum(resolved_radius(series, units), remaining) / opaque_one
+        step_size = jnp.minimum(resolved_radius(series, error_weights), remaining) / opaque_one
         # Always accepted: a second attempt at a series that is not finite would give the same.
         return Piece(series, step_size, jnp.ones((), bool), step_size)
 
