@@ -94,8 +94,8 @@ def test_every_parameter_of_a_stack_shows_where_a_fit_of_it_starts(piezo):
             # Ringing and damping hardly show in a slow loop; what is not linear must.
             linear = path in ("piezo.natural_frequency", "piezo.damping_ratio", "piezo.creep_time")
             linear |= piezo == "distributed-rod"
-            # An element without weight begins at a thousandth of the gain, a tenth of which shows where it slips.
-            assert linear or np.ptp(change) > 3e-5 * stroke, (path, volts, stroke)
+            # An element without weight begins at a thousandth of the gain, and slow creep shows a quarter of a tenth of it.
+            assert linear or np.ptp(change) > 1e-5 * stroke, (path, volts, stroke)
 
 
 def test_elements_of_maxwell_slip_do_slip_at_a_small_voltage():
