@@ -127,7 +127,7 @@ def _in_float64(work: Callable[[Task], Result], task: Task) -> Result:
     return work(task)
 
 
-def same_run(begun: Mapping[str, object], settings: Mapping[str, object], where: str = "") -> None:
+def check_same_run(begun: Mapping[str, object], settings: Mapping[str, object], where: str = "") -> None:
     """**Raises** `InputError` where a run cannot go on, since its `settings` differ from those `begun` with.
 
     **Arguments:** `where` both are, for messages on parts of them.
@@ -135,7 +135,7 @@ def same_run(begun: Mapping[str, object], settings: Mapping[str, object], where:
     for name in dict.fromkeys([*settings, *(begun if where else ())]):
         value, before, place = settings.get(name), begun.get(name), f"{where}{name}: "
         if isinstance(value, dict) and isinstance(before, dict):
-            same_run(before, value, place)
+            check_same_run(before, value, place)
         elif before != value:
             raise InputError(
                 f"{place}found {_in_short(value)} where the run that should go on has {_in_short(before)}; "

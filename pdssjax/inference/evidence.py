@@ -38,7 +38,7 @@ from .diagnosis import contradicting, records_agreement
 from .least_squares import Fit, by_record, evaluated, quiet
 from .problem import Problem
 from .stack_parameters import platform_alone_records, stack_parameters, stack_residuals
-from .validation import Missed, missed_records
+from .validation import MissedRecord, missed_records
 
 _POOR = 1.15
 """Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
@@ -84,7 +84,7 @@ class Evidence:
         return self.fit.chi2 / self.degrees_of_freedom
 
     @cached_property
-    def degrees_taken(self) -> Float[np.ndarray, " records"]:
+    def effective_parameters(self) -> Float[np.ndarray, " records"]:
         """Degrees of freedom that the fit takes from each record: its information on the parameters, and a free offset.
 
         A few precise samples may tell nearly all, and then are followed nearly exactly.
@@ -114,7 +114,7 @@ class Evidence:
         By the records whose noise is given: noise that is estimated is that of the residuals already.
         """
         squares = np.array([np.sum(part**2) for part in by_record(self.problem, self.fit)])
-        freedom = np.sum((self._sizes - self.degrees_taken)[self._enlarging])
+        freedom = np.sum((self._sizes - self.effective_parameters)[self._enlarging])
         factor = float(np.sum(squares[self._enlarging]) / max(freedom, 1.0))
         return max(1.0, factor) if np.isfinite(factor) else 1.0
 
@@ -125,7 +125,7 @@ class Evidence:
         Where it was estimated these are the record's own.  Noise that is given is known, but where residuals exceed it
         it is as large as those of all such records say, which share theirs.
         """
-        left = self._sizes - self.degrees_taken
+        left = self._sizes - self.effective_parameters
         together = max(float(np.sum(left[self._enlarging])), 1.0) if self.variance_factor > 1.0 else np.inf
         return np.where(self.noise_is_given, together, np.maximum(left, 1.0))
 
@@ -259,11 +259,11 @@ class Evidence:
         return float(scatter**2), freedom
 
     @cached_property
-    def missed(self) -> tuple[Missed, ...]:
+    def missed(self) -> tuple[MissedRecord, ...]:
         """Records of the study that were not fitted and are not predicted, also where parameters move within errors."""
         return self.missed_within(self.covariance)
 
-    def missed_within(self, covariance: Float[np.ndarray, "p p"]) -> tuple[Missed, ...]:
+    def missed_within(self, covariance: Float[np.ndarray, "p p"]) -> tuple[MissedRecord, ...]:
         """Records `missed` by errors of another `covariance` on the fit's scale; none of a fit that is no success."""
         if self.study is None or not self.fit.success or all(record.role == "fit" for record in self.study.records):
             return ()

@@ -34,9 +34,9 @@ from .least_squares import MAX_ITERATIONS, Fit, FitMethod, Method, Progress, eva
 from .losses.base import AbstractLoss
 from .problem import Problem
 from .record_checks import check_measured_once, warn_of_reversed_signs
-from .search.multistart import BestPoint, Point, best_fit, best_of_starts, check_starts, completed, with_noise
+from .search.multistart import BestPoint, Point, best_fit, best_of_starts, check_starts, with_all_records, with_noise
 from .solver.minimisers import Minimiser, check_minimiser
-from .stack_first.held_stack import due_to_stack, rejoined, sequential, with_stack_held
+from .stack_first.held_stack import due_to_stack, point_of_whole_study, sequential, with_stack_held
 from .stack_first.peak_picking import PickedStack, pick_peaks
 from .summary import summarise
 from .uncertainty.drawn_intervals import with_bootstrap, with_posterior
@@ -231,9 +231,9 @@ class _Identification(NamedTuple):
         study, stack, report = self.whole, self.stack, self.report
         # Who ends a process with a signal may kill it soon after: no second derivatives then, which take long.
         report("predicting every record")
-        point = point._replace(fit=completed(point, report), covers=2)
+        point = point._replace(fit=with_all_records(point, report), covers=2)
         if stack is not None:
-            point = rejoined(study, point, point.problem.residual.accuracy, report)
+            point = point_of_whole_study(study, point, point.problem.residual.accuracy, report)
         if known is None or known.fit is not point.fit:
             known = Evidence(point.problem, point.fit, study)
         estimate = summarise(study, self.method, known, point.starts, stack)

@@ -109,7 +109,7 @@ def joint(problem: Problem, starts: Values, report: Progress, limit: int = MAX_I
         first = fit_phase(problem, free, platform, piezo, "piezo", report, limit)
         free, spent = first.free, [first]
     last = fit_phase(problem, free, np.ones(platform.size, bool), np.ones(free.size, bool), "all", report, limit)
-    return summed(last, spent)
+    return with_counts_of(last, spent)
 
 
 def evaluated(problem: Problem, free: Float[np.ndarray, " p"], report: Progress) -> Fit:
@@ -130,7 +130,7 @@ def piezo_alone(problem: Problem, starts: Values, report: Progress) -> dict[str,
     return {path: float(found[path]) for path, wanted in zip(names.paths, piezo, strict=True) if wanted}
 
 
-def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
+def with_counts_of(last: Fit, earlier: Sequence[Fit]) -> Fit:
     """`last` with the iterations of the `earlier` phases counted in."""
     return last._replace(
         iterations=last.iterations + sum(fit.iterations for fit in earlier),

@@ -8,7 +8,7 @@ from jaxtyping import Bool
 from ..study import Record, split_path
 from .problem import Problem
 
-_SHOWN = "piezo.", "amplifier.", "sensor."
+_PREFIXES = "piezo.", "amplifier.", "sensor."
 """The stack, what drives it, and what looks at it."""
 
 
@@ -39,9 +39,9 @@ def shown_by_platform(path: str, problem: Problem) -> bool:
     """Whether records of the platform alone show a parameter: the stack's, or that of what drives or looks at it."""
     _, condition = split_path(path)
     if not condition:
-        return path.startswith(_SHOWN)
+        return path.startswith(_PREFIXES)
     here = [record for record in problem.records if condition in record.conditions]
-    return _of_its_records(path, here) or (path.startswith(_SHOWN) and bool(platform_alone_records(here).any()))
+    return _of_its_records(path, here) or (path.startswith(_PREFIXES) and bool(platform_alone_records(here).any()))
 
 
 def platform_parameters(problem: Problem) -> Bool[np.ndarray, " p"]:

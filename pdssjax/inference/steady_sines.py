@@ -24,7 +24,7 @@ ELECTRONICS = ("sensor.bandwidth", "sensor.delay", "amplifier.bandwidth")
 """Parameters that turn the phase, too."""
 
 
-class Inseparable(NamedTuple):
+class InseparableParameters(NamedTuple):
     """Parameters that steady sines do not tell apart."""
 
     paths: tuple[str, ...]
@@ -44,7 +44,7 @@ class _Sine(NamedTuple):
     """[V]"""
 
 
-def inseparable(evidence: Evidence) -> Inseparable | None:
+def inseparable(evidence: Evidence) -> InseparableParameters | None:
     """Which parameters of a fit its records cannot tell apart, being steady sines; None where they can."""
     problem = evidence.problem
     known = [sine for record in problem.records if (sine := _sine(record)) is not None]
@@ -66,7 +66,8 @@ def inseparable(evidence: Evidence) -> Inseparable | None:
     left = tuple(path for path in turning if path not in determined)
     if not left:
         return None
-    return Inseparable(left, tuple(beside), tuple(record.name for record in problem.records), tuple(frequencies))
+    names = tuple(record.name for record in problem.records)
+    return InseparableParameters(left, tuple(beside), names, tuple(frequencies))
 
 
 def _sine(record: Record) -> _Sine | None:

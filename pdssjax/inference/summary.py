@@ -213,7 +213,7 @@ def _beside_predictions(
 ) -> tuple[FittedRecord, ...]:
     """Every record beside its prediction, each with its own zero."""
     problem, fit, loss = evidence.problem, evidence.fit, evidence.problem.residual.loss
-    slopes, taken = np.asarray(fit.state.aux_jacobian), evidence.degrees_taken
+    slopes, taken = np.asarray(fit.state.aux_jacobian), evidence.effective_parameters
     # Standard deviations of residuals over their noise, as the errors of parameters take them.
     if loss.is_robust:
         parts = zip(by_record(problem, fit), taken, strict=True)

@@ -122,7 +122,7 @@ def characterisation_of(
     before, after = _turning_points(times, sign * values, cycles, slip_duration)
     shared, summarised = {}, metrics
     if measures == "displacement":
-        e = 0.0 if frequency is not None else cycles.seen_error / cycles.seen
+        e = 0.0 if frequency is not None else cycles.slip_frequency_error / cycles.slip_frequency
         stroke, back, efficiency = (
             abs(float(np.mean(metrics[name]))) for name in ("stroke", "back_slip", "efficiency")
         )
@@ -184,9 +184,9 @@ def _warn(found: Characterisation, where: str) -> None:
         say("found no fast flank: the motion looks more like a sine than like stick and slip.")
     if cycles.count == 1:
         say("found one complete cycle only, so that nothing is known of its scatter.")
-    off = abs(cycles.seen - cycles.frequency)
-    if found.given and off > 3 * cycles.seen_error and off > 1e-3 * cycles.frequency:
-        say(f"the slips come at {cycles.seen:.5g} Hz, while {cycles.frequency:.5g} Hz was given.")
+    off = abs(cycles.slip_frequency - cycles.frequency)
+    if found.given and off > 3 * cycles.slip_frequency_error and off > 1e-3 * cycles.frequency:
+        say(f"the slips come at {cycles.slip_frequency:.5g} Hz, while {cycles.frequency:.5g} Hz was given.")
 
 
 def _sharpness(found: Characterisation) -> float:

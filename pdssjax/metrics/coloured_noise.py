@@ -230,7 +230,7 @@ Noise: TypeAlias = StationaryNoise | NoiseInTime
 """Noise of a record: `StationaryNoise` for samples on an even grid, `NoiseInTime` for samples at any times."""
 
 
-def noise_at(time: Samples, values: Samples, freedom: float, max_order: int) -> Noise:
+def fit_noise(time: Samples, values: Samples, freedom: float, max_order: int) -> Noise:
     """The noise that `values` at `time` [s] are a sample of, about zero; NaN is left out.
 
     **Arguments:** as of `stationary_noise`; the highest order, `max_order`, is that on an even grid.
@@ -255,7 +255,7 @@ def unevenness(values: Samples, time: Samples) -> float:
     **Returns:** where there are fewer than three such parts, infinity for coloured noise and 0 for white noise.
     """
     there = np.isfinite(values)
-    noise = noise_at(time, values, float(np.sum(there)), values.size)
+    noise = fit_noise(time, values, float(np.sum(there)), values.size)
     share = noise.independent_share(time[there])
     count = int(min(_MOST_PARTS, share * np.sum(there) / _LEAST_IN_PART))
     if count < 3:

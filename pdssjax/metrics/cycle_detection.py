@@ -40,11 +40,11 @@ class Cycles:
     """The complete cycles of a record, one after the other: each a slow flank and the slip at its end."""
 
     frequency: float
-    """Frequency that was given, or else `seen` [Hz]."""
-    seen: float
+    """Frequency that was given, or else `slip_frequency` [Hz]."""
+    slip_frequency: float
     """Frequency by a line through the times of the slips [Hz]."""
-    seen_error: float
-    """Standard error of `seen` [Hz]; infinite where fewer than two slips were located."""
+    slip_frequency_error: float
+    """Standard error of `slip_frequency` [Hz]; infinite where fewer than two slips were located."""
     start: float
     """Begin of the first complete cycle, in the middle of a slip [s]."""
     count: int
@@ -83,7 +83,7 @@ def find_cycles(time: Samples, values: Samples, frequency: float | None, where: 
             f"{where}: found no cycles: at {about:.4g} Hz, a sawtooth explains {100 * fit:.0f} % of the motion about "
             f"its trend, expected {wanted}."
         )
-    start, seen, error = time[0] + phase / about, about, np.inf
+    start, slip_frequency, error = time[0] + phase / about, about, np.inf
     first, begun, good = 0.0, 0, np.zeros(0, int)
     for remaining in (2, 1, 0):
         # The first slip of a cycle with samples; a fiftieth of a cycle is no more than its time is uncertain by.
@@ -99,8 +99,8 @@ def find_cycles(time: Samples, values: Samples, frequency: float | None, where: 
             # The slips at both ends of every flank that is like the others.
             expected = first + np.append(good, good[-1] + 1) / about
             slips = _slips(time, values, about, expected, sign)
-            seen, start, error = _line_of_slips(slips, expected, about, interval)
-            about = frequency or seen
+            slip_frequency, start, error = _line_of_slips(slips, expected, about, interval)
+            about = frequency or slip_frequency
     count, begins = len(good) - 1, float(first + good[0] / about)
     if frequency is None and count < 2:
         raise InputError(
@@ -112,7 +112,7 @@ def find_cycles(time: Samples, values: Samples, frequency: float | None, where: 
     # How well a sawtooth fits is asked of the cycles alone, not of the rest before and after.
     used = (time >= begins) & (time <= begins + (count + 1) / about)
     fit, *_ = _best_sawtooth(time[used], values[used], about, about, about)
-    return Cycles(about, seen, error, begins, count, begun - count, falls, fit)
+    return Cycles(about, slip_frequency, error, begins, count, begun - count, falls, fit)
 
 
 def _similar_flanks(

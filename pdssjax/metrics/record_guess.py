@@ -7,10 +7,10 @@ import numpy as np
 
 from ..core import LENGTH, VELOCITY, Display, InputError
 from .cycle_detection import find_cycles
-from .sample_filters import integrated, rest_of
+from .sample_filters import integrated, velocity_zero
 from .sensor_samples import Samples, resolution_of, rounding_of_counts, scatter_floor
 from .voltage_flanks import frequency_of
-from .waveform_detection import begun, detect_waveform
+from .waveform_detection import detect_waveform, with_drive_start
 from .waveform_fits import Waveform
 
 _LEAST_EXPLAINED_WITH_HYSTERESIS = 0.8
@@ -94,7 +94,7 @@ def guess_record(
             # The zero of the sensor is taken from the record itself.
             early = time - waveform.start if waveform.begins == "seen" else time - time[0]
             held = np.where(early > 0.0, waveform.numbers["voltage"], 0.0) if waveform.name == "step" else volts
-            zero = rest_of(early, motion, held, returns=True)
+            zero = velocity_zero(early, motion, held, returns=True)
             assert zero is not None
             motion = integrated(time, motion - zero)
         straight = np.stack([np.ones(volts.size), volts], axis=1)
@@ -216,17 +216,17 @@ def _sawtooth_of_motion(time: Samples, motion: Samples, peak: float, frequency: 
         cycles = find_cycles(time, motion, frequency, where)
         falls, left = cycles.falls, 1.0 - cycles.fit
         middle = cycles.count // 2
-        slip = cycles.start + middle / cycles.seen
+        slip = cycles.start + middle / cycles.slip_frequency
         # The number with the fewest digits within the error.
-        tolerance = min(2.0 * cycles.seen_error, _ROUNDING * cycles.seen)
-        shorter = (float(f"{cycles.seen:.{digits}g}") for digits in range(1, 12))
-        simplest = (number for number in shorter if abs(number - cycles.seen) <= tolerance)
-        frequency = frequency or next(simplest, cycles.seen)
+        tolerance = min(2.0 * cycles.slip_frequency_error, _ROUNDING * cycles.slip_frequency)
+        shorter = (float(f"{cycles.slip_frequency:.{digits}g}") for digits in range(1, 12))
+        simplest = (number for number in shorter if abs(number - cycles.slip_frequency) <= tolerance)
+        frequency = frequency or next(simplest, cycles.slip_frequency)
     numbers = {"voltage": peak, "frequency": frequency}
     direction = "backward" if falls else "forward"
     found = Waveform("sawtooth", numbers, direction, slip, "running", math.sqrt(max(left, 0.0)))
     # The middle of a slip comes some milliseconds after the voltage has fallen.
-    return begun(found, time, None, max(2.0 * interval, 0.02 / frequency))
+    return with_drive_start(found, time, None, max(2.0 * interval, 0.02 / frequency))
 
 
 _SLOW_FLANK = 0.5, 0.95

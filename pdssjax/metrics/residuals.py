@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from .coloured_noise import Noise, noise_at
+from .coloured_noise import Noise, fit_noise
 from .sensor_samples import Samples, resolution_of
 
 
@@ -118,7 +118,7 @@ def lack_of_fit(residual: Samples, time: Samples, frequency: float) -> LackOfFit
     between = float(np.sum((split.mean[group] - centre)[repeated] ** 2)) / (phases - 1)
     misfit = max(between - within, 0.0) * (phases - 1) / samples
     # Independent samples a sample, by the noise of a cycle.
-    noise = noise_at(time, split.rest, float(np.sum(np.isfinite(split.rest))), split.sizes.size // 2)
+    noise = fit_noise(time, split.rest, float(np.sum(np.isfinite(split.rest))), split.sizes.size // 2)
     independent = noise.independent_share(time[: split.sizes.size])
     sigmas = _normal_deviate(between, within, (phases - 1) * independent, (samples - phases) * independent)
     return LackOfFit(float(np.sqrt(within)), float(np.sqrt(misfit)), sigmas)
@@ -158,10 +158,10 @@ def split_residuals(
     if cycles is None:
         samples = float(np.sum(np.isfinite(residual)))
         freedom = min(freedom, samples)
-        return ResidualSplit(None, residual, noise_at(time, residual, freedom, residual.size), freedom)
+        return ResidualSplit(None, residual, fit_noise(time, residual, freedom, residual.size), freedom)
     # Enlarged by m/(m - 1) already: each of the rest counts.
     samples = float(np.sum(np.isfinite(cycles.rest)))
-    noise = noise_at(time, cycles.rest, samples, cycles.sizes.size // 2)
+    noise = fit_noise(time, cycles.rest, samples, cycles.sizes.size // 2)
     return ResidualSplit(cycles, cycles.rest, noise, samples)
 
 

@@ -130,7 +130,7 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
             within = 2.0 * simplest.frequency_error
             said = () if within < _NEGLIGIBLE_BOUND else (f"frequency: within {100 * within:.2g} %",)
             found = dataclasses.replace(simplest, uncertain=simplest.uncertain + said, start=simplest.start + first)
-            return begun(found, time, rests, 1.5 * interval, located)
+            return with_drive_start(found, time, rests, 1.5 * interval, located)
     start = float(time[0]) if rests is None else _before_onset(time, volts, rests)
     # The first stair of a staircase is no voltage that was held before.
     held = rest is not None and rest.end - time[0] > _HELD * (time[-1] - time[0])
@@ -203,16 +203,18 @@ def _rest(time: Samples, volts: Samples, extent: float) -> _Rest | None:
     return _Rest(float(time[leaves - 1]), float(np.mean(surely)), surely.size)
 
 
-def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float, located: float = math.inf) -> Waveform:
-    """Replace a waveform's `start`, that of some cycle, by that of the drive.
+def with_drive_start(
+    found: Waveform, time: Samples, leaves_rest: float | None, tolerance: float, located: float = math.inf
+) -> Waveform:
+    """Replace a waveform's `start`, which is that of some cycle, by the start of the drive.
 
-    **Arguments:** `rests` tells when it leaves a rest at 0 V in the record [s], None where it does not; `tolerance`
-    [s] how near a cycle's begin must be to the clock's zero for the clock to count from the drive's start, and
-    `located` [s] how near for it to be that zero.
+    **Arguments:** `leaves_rest` is the time at which the voltage leaves a rest at 0 V [s], None without such a rest.
+    Without one the clock counts from the drive's start if a cycle begins within `tolerance` [s] of the clock's zero;
+    within `located` [s] the start is that zero.
     """
     period = 1.0 / found.numbers["frequency"]
-    if rests is not None:
-        cycles = round((rests - found.start) / period)
+    if leaves_rest is not None:
+        cycles = round((leaves_rest - found.start) / period)
         return dataclasses.replace(found, start=found.start + cycles * period, begins="seen")
     # A clock that counts from the drive's start shows a cycle that begins at 0.
     phase = found.start / period

@@ -26,7 +26,7 @@ def test_a_drive_that_begins_after_a_rest_begins_without_a_slip(rest):
     values = np.mod(20.0 * after, 1.0) + 0.2 * np.floor(20.0 * after)
     values = values + 0.005 * np.random.default_rng(6).normal(size=time.size)
     found = find_cycles(time, values, None, "here")
-    assert found.seen == pytest.approx(20.0, abs=0.05) and found.seen_error < 0.02
+    assert found.slip_frequency == pytest.approx(20.0, abs=0.05) and found.slip_frequency_error < 0.02
 
 
 @pytest.mark.parametrize("given", [None, 5.0])
@@ -37,8 +37,8 @@ def test_cycles_are_found_whatever_the_spacing_of_the_samples(given, jitter):
     values = 3e-6 * drops(time, 5.0, 0.25) + 1e-8 * random.normal(size=time.size)
     found = find_cycles(time, values, given, "here")
     assert found.frequency == pytest.approx(5.0, rel=1e-4) if given is None else found.frequency == given
-    assert abs(found.seen - 5.0) < 5 * found.seen_error
-    assert found.seen_error < 1e-3
+    assert abs(found.slip_frequency - 5.0) < 5 * found.slip_frequency_error
+    assert found.slip_frequency_error < 1e-3
     # The slips are at 0.05 s + n / 5 s: 20 of them, with 19 whole flanks between, of which the last only tells a slip.
     assert found.start == pytest.approx(0.05, abs=2e-3)
     assert (found.count, found.falls) == (18, False)

@@ -22,10 +22,10 @@ from ..beyond_noise import (
     stays_below_given_noise,
 )
 from ..diagnosis import contradicting
-from ..validation import Missed
+from ..validation import MissedRecord
 
 
-def shown(number: float, unit: str) -> str:
+def in_display_unit(number: float, unit: str) -> str:
     """A number in SI as people read it, with its unit."""
     name, factor = display_unit(unit)
     return f"{number * factor:.4g} {name}".rstrip()
@@ -135,7 +135,7 @@ def about_rests(records: Sequence[Record]) -> list[str]:
 
 
 def about_records(
-    records: Sequence[FittedRecord], factor: float, is_robust: bool, missed: Sequence[Missed] = ()
+    records: Sequence[FittedRecord], factor: float, is_robust: bool, missed: Sequence[MissedRecord] = ()
 ) -> list[str]:
     """Records that the fit does not explain.
 
@@ -225,7 +225,7 @@ def _about_slips(unexplained: Sequence[FittedRecord]) -> list[str]:
     ]
 
 
-def _about_missed(missed: Sequence[Missed]) -> list[str]:
+def _about_missed(missed: Sequence[MissedRecord]) -> list[str]:
     notes = []
     if refuting := [record for record, unknown in missed if not unknown]:
         notes.append(

@@ -24,9 +24,9 @@ from ..least_squares import START_FAILED
 from ..parameter_transform import ParameterTransform
 from ..problem import determinable_ranges
 from ..record_checks import about_signs
-from ..steady_sines import Inseparable
-from ..validation import Missed
-from .about_records import about_agreement, about_peaks, about_records, about_rests, listed, shown
+from ..steady_sines import InseparableParameters
+from ..validation import MissedRecord
+from .about_records import about_agreement, about_peaks, about_records, about_rests, in_display_unit, listed
 
 UNDAMPED = 0.005
 """Damping ratio below which a contact or a platform is not to be believed: it would ring for thirty periods."""
@@ -105,10 +105,11 @@ def about_information(
             parameter = parameters[names]
             note = f"The data say nothing about {names}; its value is where the fit began."
             if moved(parameter):
-                begun, ended = (shown(number, parameter.unit) for number in (_start(parameter), parameter.value))
+                numbers = _start(parameter), parameter.value
+                start, end = (in_display_unit(number, parameter.unit) for number in numbers)
                 note = (
-                    f"The data say nothing about {names} at the values found; on the way there it moved from {begun} "
-                    f"to {ended}, which means nothing."
+                    f"The data say nothing about {names} at the values found; on the way there it moved from {start} "
+                    f"to {end}, which means nothing."
                 )
             notes.append(f"{note} Fix it, or add a record that shows it.")
         elif all(abs(share - 1.0) < 1e-3 for _, share in part):
@@ -133,7 +134,7 @@ def _start(parameter: FittedParameter) -> float:
     return parameter.value if parameter.start is None else parameter.start
 
 
-def about_sines(mixed: Inseparable | None) -> list[str]:
+def about_sines(mixed: InseparableParameters | None) -> list[str]:
     """Parameters that records of steady sines do not tell apart."""
     if mixed is None:
         return []
@@ -201,7 +202,7 @@ def about_bounds(
 def _at_bound(declared: Parameter, value: float, side: str, determinable: DeterminableRange | None) -> str:
     given = declared.low if side == "lower" else declared.high
     key = "min" if side == "lower" else "max"
-    head = f"{declared.path} is at its {side} bound, {shown(value, declared.unit)}"
+    head = f"{declared.path} is at its {side} bound, {in_display_unit(value, declared.unit)}"
     if given is not None:
         return (
             f"{head}, the {key} that the study gives, and held there for the errors of the others. Move the bound, "
@@ -226,7 +227,7 @@ def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransf
         else:
             distance, what = abs(p.value - begun) / scale.unit[i], "{:.3g} times the size of its start"
         if p.measured_apart is None and distance > FAR:
-            ends = f"from {shown(begun, p.unit)} to {shown(p.value, p.unit)}"
+            ends = f"from {in_display_unit(begun, p.unit)} to {in_display_unit(p.value, p.unit)}"
             parts.append(f"{p.path}, {ends}, by {what.format(distance)}")
     if not parts:
         return []
@@ -261,8 +262,8 @@ def notes_of(
     null: Sequence[Float[np.ndarray, " p"]],
     weakly_determined: Bool[np.ndarray, " p"],
     factor: float,
-    missed: Sequence[Missed],
-    mixed: Inseparable | None,
+    missed: Sequence[MissedRecord],
+    mixed: InseparableParameters | None,
 ) -> tuple[str, ...]:
     """All notes on an `estimate` that the user must read.
 

@@ -26,7 +26,7 @@ from ..draws import each_done
 from ..effort import USUAL, Effort
 from ..evidence import Evidence
 from ..initial_values.search import guess_starts, scatter_ranges
-from ..least_squares import MAX_ITERATIONS, Fit, FitMethod, Progress, by_record, evaluated, quiet, summed
+from ..least_squares import MAX_ITERATIONS, Fit, FitMethod, Progress, by_record, evaluated, quiet, with_counts_of
 from ..losses.base import AbstractLoss
 from ..problem import Problem, pose
 from ..solver.lm_state import Ending
@@ -90,7 +90,7 @@ class BestPoint:
         self.point = Point(fit, problem._replace(watch=None), self._starts, covers)
 
 
-def completed(point: Point, report: Progress) -> Fit:
+def with_all_records(point: Point, report: Progress) -> Fit:
     """The fit at a `point`, with the residuals and the Jacobian of all records."""
     if point.covers == 2:
         return point.fit
@@ -138,7 +138,7 @@ def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> 
     for number in range(_MOST):
         if not any(unknown) or not np.isfinite(fit.chi2) or (number and fit.ending == Ending.RUNNING):
             break  # one that has no end yet is weighed once, not fitted for as long again each time
-        freedom = sizes - Evidence(problem, fit).degrees_taken
+        freedom = sizes - Evidence(problem, fit).effective_parameters
         parts = zip(by_record(problem, fit), freedom, strict=True)
         scatter = np.array([problem.residual.loss.scatter(part, float(left)) for part, left in parts])
         noise = np.where(unknown, problem.noise * scatter, problem.noise)
@@ -146,7 +146,7 @@ def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> 
             break
         report("weighing the records by the noise found")
         problem = problem._replace(noise=noise)
-        fit = summed(run(problem, problem.decode(fit.free), report), [fit])
+        fit = with_counts_of(run(problem, problem.decode(fit.free), report), [fit])
     return fit, problem
 
 
@@ -201,7 +201,7 @@ def best_fit(
         contest.found = ranked(study.parameters, starts, contest)
         fit = tried(problem, contest.found[0], report, 12)  # it goes on only where that looks promising
         if not fit.success and Evidence(problem, fit).reduced_chi2 < 2.0:
-            fit = summed(tried(problem, problem.decode(fit.free), report), [fit])
+            fit = with_counts_of(tried(problem, problem.decode(fit.free), report), [fit])
         starts = shown(contest.found[0], starts, contest)
     else:
         fit = tried(problem, starts, report)
@@ -214,7 +214,7 @@ def best_fit(
     if again:
         fit, starts = race(again, fit, starts, contest)
     if budget.refused and fit.ending == Ending.RUNNING:  # the best of what was begun, brought to its end
-        fit = summed(run(problem, problem.decode(fit.free), report), [fit])
+        fit = with_counts_of(run(problem, problem.decode(fit.free), report), [fit])
     fit, problem = with_noise(fit, problem, run, report)
     if budget.refused:
         refused = f"; after {budget.spent} evaluations no other start was fitted{effort.advice}"

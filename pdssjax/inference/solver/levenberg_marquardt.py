@@ -292,15 +292,15 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         explained = state.predicted_reduction <= jnp.maximum(jump, self.invisible * squares)
         discontinuous = jnp.where(explained & (jump <= small), Ending.SMALL_JUMP, Ending.DISCONTINUITY)
         kinked = (verdict == WRONG) & is_kink(ends, linear, state.residual)
-        said = jnp.where(verdict == DISCONTINUOUS, discontinuous, Ending.WRONG_DERIVATIVE)
-        said = jnp.where(kinked, Ending.KINK, said)
+        verdict_ending = jnp.where(verdict == DISCONTINUOUS, discontinuous, Ending.WRONG_DERIVATIVE)
+        verdict_ending = jnp.where(kinked, Ending.KINK, verdict_ending)
         final = (state.ending == Ending.DISCONTINUITY) | (state.ending == Ending.WRONG_DERIVATIVE)
         return state._replace(
             discrepancies=state.discrepancies.at[at].set(error),
             checked=following,
             jump=jump,
             across=jnp.where(kinked, apart, state.across),
-            ending=jnp.where((verdict != AGREES) & ~final, said, state.ending).astype(state.ending.dtype),
+            ending=jnp.where((verdict != AGREES) & ~final, verdict_ending, state.ending).astype(state.ending.dtype),
         )
 
     def terminate(

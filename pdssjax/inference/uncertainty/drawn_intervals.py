@@ -28,7 +28,7 @@ from .bootstrap import Replicate, bootstrap, phases_of
 from .linear_intervals import NORMAL_95, half_width_95, row_factors
 from .no_u_turn import sample_by_trajectories
 from .posterior import BEYOND, posterior_model, principal_axes, sample_posterior
-from .profile_likelihood import End, Evaluate, Verdict, Which
+from .profile_likelihood import End, EndKey, Evaluate, Verdict
 from .randomize_then_optimize import NothingToDraw
 from .second_order import Linearisation, linearisation_at
 
@@ -285,7 +285,7 @@ def about_chains(draws: Draws, fewest: float) -> list[str]:
 
 
 def about_tails(
-    parameters: Sequence[ParameterDraws], free: Float[np.ndarray, "chains draws p"], ends: Mapping[Which, End]
+    parameters: Sequence[ParameterDraws], free: Float[np.ndarray, "chains draws p"], ends: Mapping[EndKey, End]
 ) -> list[str]:
     """Notes on parameters of which fewer draws than can be chance lie beyond an end of their likelihood, far out."""
     missing = []
@@ -304,7 +304,7 @@ def about_tails(
     ]
 
 
-def about_endless(paths: Sequence[str], ends: Mapping[Which, End], logarithmic: Bool[np.ndarray, " p"]) -> list[str]:
+def about_endless(paths: Sequence[str], ends: Mapping[EndKey, End], logarithmic: Bool[np.ndarray, " p"]) -> list[str]:
     """Notes on parameters whose likelihood has no end where their values have none: what bounds them is the prior."""
     endless = [
         f"{paths[place]} {'above' if side > 0 else 'below'}"
@@ -320,13 +320,15 @@ def about_endless(paths: Sequence[str], ends: Mapping[Which, End], logarithmic: 
 
 
 def about_better_optima(
-    paths: Sequence[str], ends: Mapping[Which, End], in_si: Callable[[Float[np.ndarray, " p"]], Float[np.ndarray, " p"]]
+    paths: Sequence[str],
+    ends: Mapping[EndKey, End],
+    in_si: Callable[[Float[np.ndarray, " p"]], Float[np.ndarray, " p"]],
 ) -> list[str]:
-    """A note on the best of the points below the optimum that searches for ends have met."""
-    better = {which: end for which, end in ends.items() if end.verdict == Verdict.LOWER}
+    """Write a note on the best point below the optimum that the searches for ends met."""
+    better = [(end.point.chi2, place, end) for (place, _), end in ends.items() if end.verdict == Verdict.LOWER]
     if not better:
         return []
-    (place, _), end = min(better.items(), key=lambda found: found[1].point.chi2)
+    _, place, end = min(better, key=lambda item: item[0])
     number = float(in_si(end.point.at)[place])
     return [about_better_optimum("While the posterior was learned", end.point.chi2, paths[place], number)]
 

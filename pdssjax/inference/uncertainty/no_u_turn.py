@@ -33,7 +33,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...core import Document, Scalar
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
 from ..least_squares import Progress
-from .posterior import BLOCK, TO_JUDGE, Chains, Model, learn, task_of
+from .posterior import BLOCK, PROPOSAL_WIDTHS, Chains, Model, learn, task_of
 from .profile_likelihood import Evaluate
 from .randomize_then_optimize import NothingToDraw, RandomizedResiduals, Widths, log_proposed
 
@@ -218,7 +218,7 @@ def _block(
     random = stream(seed, "move", chain, block)
     begin, step_size = kept[chain, block - 1]["end"], kept[chain, _WARM]["step_size"]
     going = _Chain(target, sampler, model, step_size, random, np.array(begin, float))
-    proposals = model.proposals(target.map.polynomial, TO_JUDGE, BLOCK, stream(seed, "propose", chain, block))
+    proposals = model.proposals(target.map.polynomial, PROPOSAL_WIDTHS, BLOCK, stream(seed, "propose", chain, block))
     draws = [going.next(*proposed) for proposed in zip(proposals.free, proposals.log_proposed, strict=True)]
     return task | {name: [draw[name] for draw in draws] for name in draws[0]} | {"end": going.w.tolist()}
 
@@ -258,7 +258,7 @@ class _Chain:
         w: Float[np.ndarray, " q"],
     ):
         self._target, self._sampler, self._model = target, sampler, model
-        self._random, self._mixture = random, model.mixture(target.map.polynomial, TO_JUDGE)
+        self._random, self._mixture = random, model.mixture(target.map.polynomial, PROPOSAL_WIDTHS)
         state = sampler.begin(jnp.zeros(w.size), _key(random), step_size)
         # What is learned of the length of a step ends with the warm-up.
         self._state = state._replace(i=jnp.full_like(state.i, WARM_UP))

@@ -160,7 +160,7 @@ def _record_errors(point: FittedPoint, estimate: Estimate, effect: Float[np.ndar
             time=record.time,
             frequency=cycles_a_second(record),
             variance_factor=float(factors[i]),
-            freedom=max(record.time.size - float(evidence.degrees_taken[i]), 1.0),
+            freedom=max(record.time.size - float(evidence.effective_parameters[i]), 1.0),
             noise_freedom=float(evidence.noise_freedom[i]),
             pooled=bool(evidence.noise_is_given[i]),
             outlying=np.isin(np.arange(record.time.size), found.outliers),

@@ -1,4 +1,4 @@
-"""Draws from the posterior of a fit, by a polynomial that is learned and corrected by the model.
+"""Draws from the posterior of a fit, by a polynomial that is learned and independence_chain by the model.
 
 The density is exp(-chi-square / (2 factor)), with flat priors on the values between the bounds: the zeros of the
 sensors are marginalised (they are linear, and the residual leaves their projection out); the noise is taken as known,
@@ -40,7 +40,7 @@ from ..least_squares import Progress
 from ..parameter_transform import Box
 from .at_bounds import AtBounds, at_bounds
 from .linear_intervals import NORMAL_95
-from .profile_likelihood import SIDES, End, Evaluate, ProfileLikelihood, Which, linearise_all
+from .profile_likelihood import SIDES, End, EndKey, Evaluate, ProfileLikelihood, linearise_all
 from .randomize_then_optimize import Mixture, NothingToDraw, Proposals, Widths, propose, tangents
 from .residual_polynomial import (
     ResidualPolynomial,
@@ -50,7 +50,7 @@ from .residual_polynomial import (
     learned_polynomial,
     of_second_order,
 )
-from .second_order import Linearisation, factors
+from .second_order import Linearisation, scaled_svd
 
 _FAR = 1.5 * NORMAL_95**2
 """Excess of chi-square at the ends: 1.5 times that at those of a 95 % interval."""
@@ -80,7 +80,7 @@ class Model(NamedTuple):
     """Factor by which variances exceed those of the noise given."""
     first: ResidualPolynomial
     """Curvature of the residuals, learned from all evaluations so far."""
-    ends: Mapping[Which, End]
+    ends: Mapping[EndKey, End]
     """Ends of the likelihood of each parameter that moves, far out, by its index and the side."""
 
     @property
@@ -110,7 +110,7 @@ class Model(NamedTuple):
 
 def principal_axes(optimum: Linearisation, moving: Int[np.ndarray, " q"], factor: float) -> Float[np.ndarray, "p q"]:
     """A with A A' the covariance of the linear model at an `optimum`, of the parameters at the places `moving`."""
-    _, singular, rows, norms = factors(optimum.jacobian[:, moving])
+    _, singular, rows, norms = scaled_svd(optimum.jacobian[:, moving])
     axes = np.zeros((optimum.at.size, moving.size))
     axes[moving] = np.sqrt(factor) * (rows / singular[:, None]).T / norms[:, None]
     return axes
@@ -137,7 +137,7 @@ def posterior_model(
         raise InputError("posterior: found a model that cannot be simulated at its optimum; expected a finished fit.")
     report("posterior: curvature at the optimum")
     likelihood = ProfileLikelihood(evaluate, optimum, _FAR * factor, bounds, factor, executor)
-    which: list[Which] = [(int(index), side) for index in moving for side in SIDES]
+    which: list[EndKey] = [(int(index), side) for index in moving for side in SIDES]
     tell = lambda done: report(f"posterior: where the likelihood ends, {done} of {len(which)} ends")
     ends, shared, axes = likelihood.ends(which, tell), likelihood.shared, principal_axes(optimum, moving, factor)
     if len(shared.points) + 1 < count_points(moving.size):
@@ -194,10 +194,10 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
             there = linearise_all(model.evaluate, list(proposed.free), executor)
             exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
             weight = model.log_prior(proposed.free) - proposed.log_proposed
-            agrees = in_common(exact + weight, proposed.log_learned + weight) > _AGREEMENT
+            agrees = overlap(exact + weight, proposed.log_learned + weight) > _AGREEMENT
             points = [*points, *there]
             if not agrees:
-                points += solved_further(model, proposed, there, executor)
+                points += newton_linearisations(model, proposed, there, executor)
             most = polynomial.degree if agrees else _MOST
             polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor, most).turned()
             if agrees:
@@ -217,7 +217,7 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
     return of_second_order(model.optimum, near._replace(second=np.zeros_like(near.second)), model.axes)
 
 
-def solved_further(
+def newton_linearisations(
     model: Model, proposed: Proposals, there: Sequence[Linearisation], executor: Executor | None
 ) -> list[Linearisation]:
     """Linearisations on the way from the polynomial's solutions to those of the model.
@@ -244,7 +244,7 @@ def solved_further(
     return found
 
 
-def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
+def overlap(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
     """Overlap of two densities, 1 where they are equal: from logarithms of their weights at the same draws."""
     weights = []
     for logs in (first, second):
@@ -262,7 +262,7 @@ BLOCK = 50
 PROPOSALS = "randomized residuals, exponentials at bounds, streams by purpose"
 """Kind of the proposals: weights of another kind do not go with theirs."""
 
-TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1)
+PROPOSAL_WIDTHS = Widths(solved=(1.2,), linear=3.0, share=0.1)
 """Widths of the mixture of proposals, which the model accepts or refuses."""
 
 
@@ -306,7 +306,7 @@ def sample_posterior(
     for chain in range(chains):
         log_density = whole(chain, "log_posterior")
         log_density = np.where(np.isfinite(log_density), log_density, -np.inf)
-        places = corrected(log_density - whole(chain, "proposed"), stream(drawing.seed, "correct", chain))
+        places = independence_chain(log_density - whole(chain, "proposed"), stream(drawing.seed, "correct", chain))
         free.append(whole(chain, "free")[places])
         density.append(log_density[places])
         accepted.append(places == np.arange(wanted))
@@ -314,7 +314,7 @@ def sample_posterior(
     return Chains(np.stack(free), refused, {"lp": np.stack(density), "accepted": np.stack(accepted)})
 
 
-def corrected(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) -> Int[np.ndarray, " n"]:
+def independence_chain(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) -> Int[np.ndarray, " n"]:
     """The index of the proposal that an independence chain is at, after each of n proposals.
 
     It begins at one of the first, each as probable as its weight, lest it has to find the posterior.
@@ -333,7 +333,7 @@ def corrected(log_weights: Float[np.ndarray, " n"], random: np.random.Generator)
 
 def _judge_block(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[int, int]) -> Document:
     """A block of proposals with the model's density at each, complete, so that the block need not be drawn again."""
-    proposed = model.proposals(learned, TO_JUDGE, BLOCK, stream(seed, "propose", *task))
+    proposed = model.proposals(learned, PROPOSAL_WIDTHS, BLOCK, stream(seed, "propose", *task))
     chi2 = [float(np.sum(np.asarray(model.residuals(free)) ** 2)) for free in proposed.free]
     log_density = model.log_prior(proposed.free) - 0.5 * np.array(chi2) / model.factor
     # JSON has no infinity.

@@ -32,7 +32,7 @@ _HALVINGS = 2
 _BENT = 0.02
 """Share of the threshold by which a point misses the cubic, from which each half has a point of its own."""
 
-_SHOWN = 12
+_POINTS_A_SIDE = 12
 """Points shown of each side besides the optimum."""
 
 _OFF = 0.02
@@ -99,7 +99,7 @@ class _Valley:
             return Curve(self.optimum.at[[self.index]], nothing, nothing == 0.0, float("nan"), 0.0, 0)
         nodes = [first, *self._between(first, last, _HALVINGS), last]
         heights = np.array([node.excess for node in nodes])
-        shown = _SHOWN // (len(nodes) - 1)
+        shown = _POINTS_A_SIDE // (len(nodes) - 1)
         values, excess = [first.point.at[self.index]], [0.0]
         for begin, stop in itertools.pairwise(nodes):
             on_way = np.linspace(begin.point.at[self.index], stop.point.at[self.index], shown + 1)[1:]

@@ -29,10 +29,10 @@ from .second_order import (
     Linearisation,
     SecondOrder,
     best_of_others,
-    factors,
     follow,
     learned_curvature,
     parabola,
+    scaled_svd,
 )
 
 Evaluate = Callable[
@@ -43,7 +43,7 @@ Evaluate = Callable[
 SIDES = -1.0, 1.0
 """The lower and the upper end of an interval."""
 
-Which = tuple[int, float]
+EndKey = tuple[int, float]
 """Index of a parameter, and the side of its interval, one of `SIDES`."""
 
 REACH = 7.0
@@ -65,7 +65,7 @@ def linearise_all(
     return [found[number] for number in range(len(places))]
 
 
-PROBED = 0.05
+PROBE_DISTANCE = 0.05
 """Distance from a point at which its curvature is probed, in half widths of the linear intervals."""
 
 
@@ -80,7 +80,7 @@ def standard_errors(
     determined = reach * np.linalg.norm(optimum.jacobian, axis=0) > np.sqrt(threshold)
     scale = np.diag(np.where(determined, 0.0, reach))
     if determined.any():
-        _, singular, rows, norms = factors(optimum.jacobian[:, determined])
+        _, singular, rows, norms = scaled_svd(optimum.jacobian[:, determined])
         axes = (rows / singular[:, None]).T / norms[:, None]
         axes = axes * np.minimum(1.0, reach / np.maximum(np.max(np.abs(axes), axis=0), 1e-300))
         scale[np.ix_(determined, np.flatnonzero(determined)[: singular.size])] = axes
@@ -94,7 +94,7 @@ def probe_places(
     places = []
     for index in range(at.size):
         along = scale @ scale[index]
-        step = PROBED * along * (sizes[index] / max(abs(along[index]), 1e-300))
+        step = PROBE_DISTANCE * along * (sizes[index] / max(abs(along[index]), 1e-300))
         ahead, behind = (np.clip(at + sign * step, *bounds) for sign in (1.0, -1.0))
         places.append(ahead if np.abs(ahead - at).max() >= np.abs(behind - at).max() else behind)
     return [place for place in places if np.any(place != at)]
@@ -341,16 +341,16 @@ class ProfileLikelihood:
         self.shared = SharedCurvature(optimum, probes, scale, factor)
         """What is known of the curvature."""
 
-    def ends(self, which: Sequence[Which], report: Callable[[int], None] = lambda done: None) -> dict[Which, End]:
+    def ends(self, which: Sequence[EndKey], report: Callable[[int], None] = lambda done: None) -> dict[EndKey, End]:
         """The ends that `which` names; `report` is called with the number of ends found so far."""
-        searches: dict[Which, PointRequests] = {}
+        searches: dict[EndKey, PointRequests] = {}
         for index, side in which:
             threshold = float(self.thresholds[index])
             aim = Aim(index, side, self.optimum.chi2 + threshold, self.low, self.high, self.sizes)
             bound = float(np.asarray(self.bounds[side > 0])[index])
             search = EndSearch(self.optimum, aim, bound, self.reach, threshold, self.shared)
             searches[index, side] = search.run()
-        found: dict[Which, End] = {}
+        found: dict[EndKey, End] = {}
         requested = {name: next(search) for name, search in searches.items()}
         while requested:
             points = linearise_all(self.evaluate, list(requested.values()), self.executor)

@@ -269,7 +269,7 @@ def _outwards(
     """The step to the end while those `held` keep their `step`; to the minimum if the profiled one is held itself."""
     step = np.where(held, step, 0.0)
     free = np.flatnonzero(~held)
-    left, singular, rows, norms = factors(model.jacobian[:, free])
+    left, singular, rows, norms = scaled_svd(model.jacobian[:, free])
     residual = model.residual + model.jacobian @ step
     step[free] = -rows.T @ ((left.T @ residual) / singular) / norms
     if held[aim.index]:
@@ -281,7 +281,7 @@ def _outwards(
     return step
 
 
-def factors(
+def scaled_svd(
     jacobian: Float[np.ndarray, "n p"],
 ) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, " p"], Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
     """Singular values and vectors of columns scaled to unit norm, and the norms."""
