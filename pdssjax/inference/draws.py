@@ -28,20 +28,16 @@ class Store(Protocol):
     """Keeps draws, so that a run that is broken off can go on; as a string, the name of the place."""
 
     def begun(self) -> Document | None:
-        """The description that `begin` got from the run that goes on; None where this is a new one."""
-        ...
+        """The settings that `begin` got from the run that is resumed; None for a new run."""
 
     def begin(self, what: Document) -> None:
-        """Describe the draws that will be kept; not called where a run goes on."""
-        ...
+        """Describe the draws that will be kept; not called for a resumed run."""
 
     def kept(self) -> Sequence[Document]:
-        """All entries kept, also those of earlier runs."""
-        ...
+        """All entries kept, those of earlier runs included."""
 
     def keep(self, entry: Document) -> None:
         """Keep one more entry."""
-        ...
 
 
 class InMemory:

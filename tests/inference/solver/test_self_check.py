@@ -13,7 +13,7 @@ import scipy.optimize
 from pdssjax import BoundedLevenbergMarquardt
 from pdssjax.inference import Ending
 from pdssjax.inference.solver.derivative_check import CHECKS
-from pdssjax.inference.solver.iterations import OfFunction, Run, iterate
+from pdssjax.inference.solver.iterations import FunctionEvaluations, Run, iterate
 from pdssjax.inference.solver.kink import along_kink, beside_kink, least_promising
 
 X = jnp.linspace(0.0, 3.0, 60)
@@ -224,7 +224,7 @@ def test_a_minimum_on_a_fold_is_reached_and_told_from_a_wrong_jacobian(short):
 
 
 def run_of(args):
-    return Run(SOLVER, OfFunction(eqx.Partial(shaped), args), BOUNDS)
+    return Run(SOLVER, FunctionEvaluations(eqx.Partial(shaped), args), BOUNDS)
 
 
 def stopped_beside(least, run, off=1e-4):
