@@ -69,7 +69,7 @@ def missed_records(
 
 
 def is_refuted(missed: Sequence[MissedRecord]) -> bool:
-    """Records that know no parameters but the fit's are `missed`: the model or the optimum does not carry over."""
+    """Whether a record without parameters of its own is `missed`: the model or the optimum does not carry over."""
     return any(not record.unknown for record in missed)
 
 

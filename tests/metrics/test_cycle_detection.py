@@ -110,14 +110,14 @@ def test_a_delay_is_found_within_its_error_and_explains_what_is_left(late):
     found = slip_delay(SLIP_TIME, PREDICTED, measured - PREDICTED)
     # A slip is no line over a delay: the error holds the rest.
     assert found.delay == pytest.approx(late, rel=0.2)
-    assert found.explains > 0.7 and abs(found.delay) > 5.0 * found.standard_error
+    assert found.explained_share > 0.7 and abs(found.delay) > 5.0 * found.standard_error
 
 
 def test_noise_and_another_stroke_are_no_delay():
     found = slip_delay(SLIP_TIME, PREDICTED, SLIP_NOISE)
-    assert abs(found.delay) < 4.0 * found.standard_error and found.explains < 0.1
+    assert abs(found.delay) < 4.0 * found.standard_error and found.explained_share < 0.1
     stroke = slip_delay(SLIP_TIME, PREDICTED, 0.02 * (PREDICTED - np.mean(PREDICTED)) + SLIP_NOISE)
-    assert stroke.explains < 0.5
+    assert stroke.explained_share < 0.5
 
 
 def test_what_never_slips_has_no_delay():

@@ -26,25 +26,25 @@ from ..covariance import scaled_least_squares
 from .step_peaks import half_period_to_frequency, overshoot_to_damping, rest_before
 
 _JUMP = 0.1
-"""Part of a voltage's swing by which it changes from one sample to the next where it jumps."""
+"""Change from one sample to the next that counts as a jump, as a fraction of the voltage's swing."""
 
-_MOST = 200_000
-"""Moments at which a voltage is looked at."""
+_MOST_TIMES = 200_000
+"""Largest number of times at which a voltage is evaluated."""
 
-_FINER = 4
-"""Samples in the time in which a platform feels a change, so that corners are hardly missed."""
+_PER_RESPONSE = 4
+"""Times per response time 1/rate of a platform at which a voltage is evaluated, so that corners are hardly missed."""
 
 _LEAST_OF_FLANK, _MOST_FLANKS = 4, 12
 """How many samples the later half of a slow flank has at least, and how many such halves of a record are used."""
 
 
 def as_displacements(records: Sequence[Record]) -> list[Record]:
-    """The records that tell a displacement, with that [m], up to a constant, in place of what was measured."""
+    """The records from which a displacement follows, with that [m], up to a constant, in place of the samples."""
     return _as_quantity(records, "displacement")
 
 
 def as_forces(records: Sequence[Record]) -> list[Record]:
-    """The records that tell a force, with that [N], up to a constant, in place of what was measured."""
+    """The records from which a force follows, with that [N], up to a constant, in place of the samples."""
     return _as_quantity(records, "force")
 
 
@@ -107,7 +107,7 @@ def is_step(record: Record) -> bool:
 
 
 def _range_gain(record: Record) -> float:
-    """A platform that hardly rings goes as far as the voltage does."""
+    """Gain [m/V] of a platform that hardly rings: the range of its motion over that of the voltage."""
     return float(np.ptp(record.measured) / (np.ptp(voltages(record)) or 1.0))
 
 
@@ -220,11 +220,11 @@ def peak_bend(record: Record, rate: float, known: Mapping[str, float]) -> float:
     drive = drive_with(record, known)
     frequency = frequency_of(record)
     last = 3.0 / frequency if frequency else float(record.time[-1])
-    finer = rate * _FINER
-    count = min(int(max(last, 0.0) * finer), _MOST) + 4 * _FINER
-    times = (np.arange(count) - _FINER) / finer
+    finer = rate * _PER_RESPONSE
+    count = min(int(max(last, 0.0) * finer), _MOST_TIMES) + 4 * _PER_RESPONSE
+    times = (np.arange(count) - _PER_RESPONSE) / finer
     level = drive.sampled_at(times)
-    bend = level[2 * _FINER :] - 2.0 * level[_FINER:-_FINER] + level[: -2 * _FINER]
+    bend = level[2 * _PER_RESPONSE :] - 2.0 * level[_PER_RESPONSE:-_PER_RESPONSE] + level[: -2 * _PER_RESPONSE]
     return float(np.max(np.abs(bend))) * rate**2
 
 
@@ -288,7 +288,7 @@ _DAMPING = (0.02, 0.1, 0.4)
 """Damping ratios tried."""
 
 _MOST_SAMPLES = 20_000
-"""Samples that are looked at."""
+"""Largest number of samples used."""
 
 
 def ringing(

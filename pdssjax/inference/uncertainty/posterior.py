@@ -52,10 +52,10 @@ from .residual_polynomial import (
 )
 from .second_order import Linearisation, scaled_svd
 
-_FAR = 1.5 * NORMAL_95**2
+_END_EXCESS = 1.5 * NORMAL_95**2
 """Excess of chi-square at the ends: 1.5 times that at those of a 95 % interval."""
 
-BEYOND = 0.5 * math.erfc(math.sqrt(0.5 * _FAR))
+BEYOND = 0.5 * math.erfc(math.sqrt(0.5 * _END_EXCESS))
 """Share of a posterior beyond such an end, where it is as wide as the likelihood."""
 
 Residuals = Callable[[Float[np.ndarray, " p"]], Float[Array | np.ndarray, " n"]]
@@ -136,7 +136,7 @@ def posterior_model(
     if not np.isfinite(optimum.chi2):
         raise InputError("posterior: found a model that cannot be simulated at its optimum; expected a finished fit.")
     report("posterior: curvature at the optimum")
-    likelihood = ProfileLikelihood(evaluate, optimum, _FAR * factor, bounds, factor, executor)
+    likelihood = ProfileLikelihood(evaluate, optimum, _END_EXCESS * factor, bounds, factor, executor)
     which: list[EndKey] = [(int(index), side) for index in moving for side in SIDES]
     tell = lambda done: report(f"posterior: where the likelihood ends, {done} of {len(which)} ends")
     ends, shared, axes = likelihood.ends(which, tell), likelihood.shared, principal_axes(optimum, moving, factor)
@@ -148,14 +148,14 @@ def posterior_model(
     return Model(evaluate, residuals, optimum, axes, held, bounds, logarithmic, factor, first, ends)
 
 
-_TRIED, _ROUNDS = 5, 6
+_ROUNDS_WITH_ENDS, _ROUNDS_WITHOUT_ENDS = 5, 6
 """Rounds of learning with the ends, after which they are left out, and without them, at most."""
 
-_MOST = 4
-"""Order of a polynomial, where one of third does not agree."""
+_HIGHEST_ORDER = 4
+"""Order of a polynomial where one of third order does not agree."""
 
-_SURPLUS = 2.5
-"""Numbers that the draws of a round tell, for each coefficient of a polynomial of third order."""
+_OVERDETERMINATION = 2.5
+"""Data that the draws of a round give, for each coefficient of a polynomial of third order."""
 
 _FEWEST = 24
 """Draws of a round."""
@@ -163,13 +163,13 @@ _FEWEST = 24
 _AGREEMENT = 0.85
 """Overlap of model and polynomial from which the polynomial is good; with `_FEWEST` points 1 is seldom."""
 
-_WIDTHS = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0)
+_LEARNING_WIDTHS = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0)
 """Widths of the mixture that draws are taken from."""
 
-_NEWTON = 3
+_NEWTON_STEPS = 3
 """Steps of Newton's method with the model."""
 
-_SOLVED = 0.3
+_NEWTON_TOLERANCE = 0.3
 """Tolerance of the equation, in standard deviations of a residual."""
 
 
@@ -181,7 +181,7 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
     polynomials fold over everywhere, it is the linear model.
     """
     moving = model.axes.shape[1]
-    count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
+    count = max(_FEWEST, int(_OVERDETERMINATION * count_terms(moving, degree_for(moving)) / (1 + moving)))
 
     def rounds(
         polynomial: ResidualPolynomial, points: list[Linearisation], numbers: range
@@ -190,7 +190,7 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
         agrees = False
         for number in numbers:
             report(f"posterior: learning the residuals, round {number + 1}")
-            proposed = model.proposals(polynomial, _WIDTHS, count, stream(seed, "learn", number))
+            proposed = model.proposals(polynomial, _LEARNING_WIDTHS, count, stream(seed, "learn", number))
             there = linearise_all(model.evaluate, list(proposed.free), executor)
             exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
             weight = model.log_prior(proposed.free) - proposed.log_proposed
@@ -198,7 +198,7 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
             points = [*points, *there]
             if not agrees:
                 points += newton_linearisations(model, proposed, there, executor)
-            most = polynomial.degree if agrees else _MOST
+            most = polynomial.degree if agrees else _HIGHEST_ORDER
             polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor, most).turned()
             if agrees:
                 break
@@ -206,14 +206,14 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
 
     # A polynomial that folds over near the optimum has hardly any draws.
     with contextlib.suppress(NothingToDraw):
-        learned, agrees = rounds(model.first, [end.point for end in model.ends.values()], range(_TRIED))
+        learned, agrees = rounds(model.first, [end.point for end in model.ends.values()], range(_ROUNDS_WITH_ENDS))
         if agrees:
             return learned
     likelihood = ProfileLikelihood(model.evaluate, model.optimum, 1.0, model.bounds, executor=executor)
     near = likelihood.shared.at_optimum
     with contextlib.suppress(NothingToDraw):
         first = of_second_order(model.optimum, near, model.axes)
-        return rounds(first, [], range(_TRIED, _TRIED + _ROUNDS))[0]
+        return rounds(first, [], range(_ROUNDS_WITH_ENDS, _ROUNDS_WITH_ENDS + _ROUNDS_WITHOUT_ENDS))[0]
     return of_second_order(model.optimum, near._replace(second=np.zeros_like(near.second)), model.axes)
 
 
@@ -230,11 +230,11 @@ def newton_linearisations(
     held = model.held.rates.size
     found: list[Linearisation] = []
     due = list(zip(proposed.randomized, there, strict=True))
-    for _ in range(_NEWTON):
+    for _ in range(_NEWTON_STEPS):
         targets, places = [], []
         for target, point in due:
             rest = target[held:] - basis.T @ point.residual
-            if np.isfinite(point.chi2) and np.linalg.norm(rest) > _SOLVED * np.sqrt(model.factor):
+            if np.isfinite(point.chi2) and np.linalg.norm(rest) > _NEWTON_TOLERANCE * np.sqrt(model.factor):
                 rows = np.concatenate([model.held.rows, basis.T @ point.jacobian @ model.axes])
                 step = np.linalg.lstsq(rows, np.append(np.zeros(held), rest))[0]
                 targets.append(target)
@@ -278,10 +278,8 @@ class Chains(NamedTuple):
     sampler knows."""
 
 
-def sample_posterior(
-    model: Model, drawing: Drawing, executor: Executor | None, report: Progress, chains: int = CHAINS
-) -> Chains:
-    """Draws of several chains; what the store has kept is not asked of the model again.
+def sample_posterior(model: Model, drawing: Drawing, executor: Executor | None, report: Progress) -> Chains:
+    """Draws of several chains; draws that the store has kept are not evaluated again.
 
     Points and blocks of draws are computed side by side in the threads of the `executor`.
 
@@ -293,7 +291,7 @@ def sample_posterior(
     shapes = {"free": (BLOCK, model.optimum.at.size), "proposed": (BLOCK,), "log_posterior": (BLOCK,)}
     with reading(drawing.store, "draws of the chains"):
         kept = {task_of(entry, shapes): entry for entry in drawing.store.kept()}
-    due = [(chain, block) for block in range(blocks) for chain in range(chains) if (chain, block) not in kept]
+    due = [(chain, block) for block in range(blocks) for chain in range(CHAINS) if (chain, block) not in kept]
     if due:
         learned = learn(model, drawing.seed, executor, report)
         work = functools.partial(_judge_block, model, learned, drawing.seed)
@@ -303,7 +301,7 @@ def sample_posterior(
             report(f"posterior: the model has judged {done * BLOCK} of {len(due) * BLOCK} draws")
     whole = lambda chain, name: np.concatenate([np.array(kept[chain, b][name], float) for b in range(blocks)])[:wanted]
     free, density, accepted = [], [], []
-    for chain in range(chains):
+    for chain in range(CHAINS):
         log_density = whole(chain, "log_posterior")
         log_density = np.where(np.isfinite(log_density), log_density, -np.inf)
         places = independence_chain(log_density - whole(chain, "proposed"), stream(drawing.seed, "correct", chain))
@@ -317,7 +315,7 @@ def sample_posterior(
 def independence_chain(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) -> Int[np.ndarray, " n"]:
     """The index of the proposal that an independence chain is at, after each of n proposals.
 
-    It begins at one of the first, each as probable as its weight, lest it has to find the posterior.
+    The chain begins at one of the first, each as probable as its weight, so that it begins in the posterior.
     """
     first, at, places = log_weights[:BLOCK], 0, np.zeros(log_weights.size, int)
     if np.isfinite(np.max(first)):
