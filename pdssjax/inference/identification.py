@@ -293,7 +293,7 @@ def _loss(name: str, method: str, intervals: str) -> AbstractLoss:
     if name not in known:
         raise InputError(f'loss: found "{name}"; {nearest(name, known)}')
     loss = member("inference.losses", name)()
-    if not loss.supports(method, intervals):
+    if loss.is_robust and (method, intervals) != ("joint", "linear"):
         raise InputError(
             f'loss: found "{name}" with method "{method}" and intervals "{intervals}", expected "joint" and "linear".'
         )

@@ -11,7 +11,7 @@ import numpy as np
 from ..core import Document
 from ..integration import Accuracy
 from ..study import Multistart, Study
-from .draws import Drawing, check_same_run, reading
+from .draws import Drawing, check_same_run, refuse_wrong_entries
 from .effort import USUAL, Effort
 from .evidence import Evidence
 from .least_squares import Method, Progress, evaluated
@@ -116,7 +116,7 @@ def restored_fit(
         return None
     report("going on around the fit that was kept")
     check_same_run(document, settings)
-    with reading(drawing.store, "the fit"):
+    with refuse_wrong_entries(drawing.store, "the fit"):
         kinds = {"success": bool, "message": str, "iterations": int, "evaluations": int, "ending": int}
         for key, kind in kinds.items():
             if not isinstance(document[key], kind):

@@ -107,8 +107,12 @@ def joint(problem: Problem, starts: Values, report: Progress, limit: int = MAX_I
     if platform.any() and effector_moves and piezo.any() and not piezo.all():
         earlier = [fit_phase(problem, free, platform, piezo, "piezo", report, limit)]
         free = earlier[0].free
-    last = fit_phase(problem, free, np.ones(platform.size, bool), np.ones(free.size, bool), "all", report, limit)
-    return with_counts_of(last, earlier)
+    return with_counts_of(fit_all(problem, free, report, limit), earlier)
+
+
+def fit_all(problem: Problem, free: Float[np.ndarray, " p"], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
+    """One run over all parameters and records, from the point `free`."""
+    return fit_phase(problem, free, np.ones(len(problem.records), bool), np.ones(free.size, bool), "all", report, limit)
 
 
 def evaluated(problem: Problem, free: Float[np.ndarray, " p"], report: Progress) -> Fit:

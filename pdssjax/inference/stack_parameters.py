@@ -9,7 +9,7 @@ from ..study import Record, split_path
 from .problem import Problem
 
 _PREFIXES = "piezo.", "amplifier.", "sensor."
-"""The stack, what drives it, and what looks at it."""
+"""Beginnings of the paths of the stack, its amplifier and its sensor."""
 
 
 def platform_alone_records(records: Sequence[Record]) -> Bool[np.ndarray, " records"]:
@@ -20,7 +20,7 @@ def platform_alone_records(records: Sequence[Record]) -> Bool[np.ndarray, " reco
 def stack_parameters(problem: Problem) -> Bool[np.ndarray, " p"]:
     """Which free parameters the first of two steps fits: the piezo's, and those of records of the platform alone.
 
-    But not what holds of the piezo in other records only, which the platform's do not show.
+    Piezo parameters that hold only in other records are excepted.
     """
     first = lambda path: path.startswith("piezo.") and shown_by_platform(path, problem)
     paths, records = problem.residual.transform.paths, problem.records
@@ -36,7 +36,7 @@ def stack_residuals(problem: Problem) -> Bool[np.ndarray, " n"]:
 
 
 def shown_by_platform(path: str, problem: Problem) -> bool:
-    """Whether records of the platform alone show a parameter: the stack's, or that of what drives or looks at it."""
+    """Whether records of the platform alone show a parameter: the stack's, its amplifier's or its sensor's."""
     _, condition = split_path(path)
     if not condition:
         return path.startswith(_PREFIXES)

@@ -67,7 +67,7 @@ if TYPE_CHECKING:
         velocity_zero as velocity_zero,
     )
     from .sensor_samples import (
-        clipped as clipped,
+        clipped_counts as clipped_counts,
         counts_without_noise as counts_without_noise,
         describe_hold as describe_hold,
         flicker_of as flicker_of,

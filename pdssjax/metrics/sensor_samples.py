@@ -103,7 +103,7 @@ _RUN_RATIO = 4
 """Least ratio of a run at an extreme to the longest run of equal samples in between, which a coarse sensor has, too."""
 
 
-def clipped(values: Samples, voltage: Samples | None = None) -> dict[str, int]:
+def clipped_counts(values: Samples, voltage: Samples | None = None) -> dict[str, int]:
     """How many samples lie in long runs of exactly the "highest" or the "lowest" value; neither where none does.
 
     Runs with which the record begins or ends count only beside others, or where the `voltage` moves on: without a drive

@@ -184,16 +184,13 @@ def fit_sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval:
     forward, fast, middles, period = sides
     seen, ideal = fast, fast < JUMP * interval
     fast = 0.0 if ideal else fast
-    # Numbers of cycles, and samples away from the fast flanks.
+    # Samples away from the fast flanks.
     turn = (time - middles[0]) / period
-    number = np.round(turn)
-    margin = 0.5 * fast / period + 1.2 * interval / period
-    slow = np.abs(turn - number) > margin
-    count = np.floor(turn)
-    rested = slow & (np.abs(volts) <= 1e-3 * np.max(volts)) & (time < middles[0])
-    # The first slow flank of a drive that starts from rest may be another one.
-    kept = slow & (time > middles[0]) if len(middles) >= 2 else slow & ~rested
-    design = np.stack([np.ones(time.size), time, -count], axis=1)[kept]
+    slow = np.abs(turn - np.round(turn)) > 0.5 * fast / period + 1.2 * interval / period
+    at_rest = slow & (np.abs(volts) <= 1e-3 * np.max(volts)) & (time < middles[0])
+    # The first slow flank of a drive that starts from rest may differ from the others.
+    kept = slow & (time > middles[0]) if len(middles) >= 2 else slow & ~at_rest
+    design = np.stack([np.ones(time.size), time, -np.floor(turn)], axis=1)[kept]
     if np.linalg.matrix_rank(design) < 3:
         return None
     a, slope, drop = map(float, np.linalg.lstsq(design, volts[kept], rcond=None)[0])

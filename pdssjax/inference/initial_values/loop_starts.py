@@ -17,7 +17,7 @@ from ...metrics import scatter_floor
 from ...piezo.base import AbstractPiezo, Shown
 from ...study import Record
 from ..solver.box_least_squares import nonnegative_least_squares
-from .record_features import as_displacements, sticking_parts
+from .record_features import as_quantity, sticking_parts
 
 _MOST_SAMPLES = 3000
 """Largest number of samples used of a record."""
@@ -80,7 +80,8 @@ def loop_starts(
     # The trials assume a stack that has rested at 0 V.
     if names is None or any(known.get(name) for name in ("initial_voltage", "initial_peak")):
         return {}
-    driven = [record for record in as_displacements(records) if record.drive is not None and record.time.size >= 8]
+    moving = as_quantity(records, "displacement")
+    driven = [record for record in moving if record.drive is not None and record.time.size >= 8]
     alone = [record for record in driven if record.measurement.platform_alone]
     if bool(alone) != bool(names):
         return {}  # a fit finds powers from nothing where the whole motion shows them, and parts show no loop
@@ -125,7 +126,7 @@ class _Trial(NamedTuple):
     declared: Mapping[str, Quantity]
 
     def left(self, point: Sequence[float]) -> float:
-        """Sum of squared residuals over the noise with these thresholds and times and the best weights."""
+        """Sum of squared residuals over the noise, with these thresholds and times and the best weights."""
         return self._solved(point)[1]
 
     def best_weights(self, point: Sequence[float]) -> dict[str, float]:

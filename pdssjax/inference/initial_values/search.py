@@ -26,7 +26,7 @@ from ..prior import Prior
 from ..residual import TOGETHER, Comparison, Evaluator, as_weights
 from .loop_starts import loop_starts
 from .record_features import (
-    as_forces,
+    as_quantity,
     contact_scale,
     frequency_of,
     interval_of,
@@ -90,7 +90,7 @@ class _Rig(NamedTuple):
             for path, number in guess(known).items():
                 if path in parameters and path not in known:
                     known[path] = self.clipped(path, number)
-        blocked = [record for record in as_forces(fitted) if record.measurement.blocked]
+        blocked = [record for record in as_quantity(fitted, "force") if record.measurement.blocked]
         stiffnesses = [stop_stiffness(record, self.gain_and_rate(known)[0]) for record in blocked]
         if "stop.stiffness" in parameters and "stop.stiffness" not in known and any(stiffnesses):
             known["stop.stiffness"] = self.clipped("stop.stiffness", max(stiffnesses))
@@ -145,7 +145,7 @@ class _Rig(NamedTuple):
         records, (gain, rate) = self.fitted, self.gain_and_rate(known)
         mass = known.get("effector.mass", 0.1)
         moved = mass if any(record.measurement.effector_moves for record in records) else None
-        contacts = [contact_scale(record, moved) for record in as_forces(records) if not record.measurement.driven]
+        contacts = [contact_scale(r, moved) for r in as_quantity(records, "force") if not r.measurement.driven]
         driven = (mass, gain * max((peak_bend(r, rate, known) for r in records), default=0.0) or rate**2 * gain, rate)
         friction = self.models.friction.search_ranges(*(np.median(contacts, axis=0) if contacts else driven))
         ranges = {f"friction.{name}": ends for name, ends in friction.items()}

@@ -31,15 +31,6 @@ _HALVINGS, _COMPARED = 16, 4
 """Halvings of the stretch with the kink; the change of slope is compared with that `_COMPARED` halvings before."""
 
 
-class Mixture(NamedTuple):
-    """The mixture of the Jacobians on both sides of a kink that promises the least decrease."""
-
-    predicted: float
-    """Decrease of the sum of squares; infinite where the slope falls across the kink: that is a ridge."""
-    step: Float[np.ndarray, " p"]
-    """Leads along the kink."""
-
-
 def along_kink(run: Run, y: Point, state: LMState) -> tuple[Point, LMState, float]:
     """Continue a run that ended in `Ending.KINK` along the kink, while that lowers the sum of squares.
 
@@ -49,11 +40,10 @@ def along_kink(run: Run, y: Point, state: LMState) -> tuple[Point, LMState, floa
     blank, least = begin(run, np.asarray(y), state.residual, state.aux), np.inf
     for _ in range(_MOST_STEPS):
         sides = [iterate(run, side, blank)[1] for side in state.across]
-        mixture = least_promising(state, sides, y, bounds)
-        least, squares = mixture.predicted, _squares(state)
+        (least, step), squares = least_promising(state, sides, y, bounds), _squares(state)
         if not float(run.solver.invisible) * squares < least < np.inf:
             break
-        lower = _lower(run, y, mixture.step, squares, blank)
+        lower = _lower(run, y, step, squares, blank)
         if lower is None:
             break
         y, last = lower
@@ -146,10 +136,13 @@ def _squares(state: LMState) -> float:
 
 def least_promising(
     state: LMState, sides: Sequence[LMState], y: Point, options: dict[str, Float[np.ndarray, " p"]]
-) -> Mixture:
+) -> tuple[float, Float[np.ndarray, " p"]]:
     """The mixture of the Jacobians on both `sides` of the kink at `y` whose best step within the bounds promises least.
 
     **Arguments:** the states at `y` and at the two points that the first has `across` the kink.
+
+    **Returns:** the decrease of the sum of squares that it predicts, infinite on a ridge, where the slope falls across
+    the kink; and its step, which leads along the kink.
     """
     from scipy.optimize import fminbound, lsq_linear  # few runs need it, and its import takes a third of a second
 
@@ -157,9 +150,9 @@ def least_promising(
     here, there = (np.asarray(side.jacobian, float) for side in sides)
     residual, *beside = (np.asarray(of.residual, float) for of in (state, *sides))
     if not all(np.all(np.isfinite(values)) for values in (here, there, *beside)):
-        return Mixture(np.inf, np.zeros_like(y))
+        return np.inf, np.zeros_like(y)
     if (here.T @ beside[0] - there.T @ beside[1]) @ (ahead - behind) < 0.0:
-        return Mixture(np.inf, np.zeros_like(y))
+        return np.inf, np.zeros_like(y)
     low, high = (np.asarray(options[end], float) for end in ("lower", "upper"))
     size = np.maximum(np.linalg.norm(here, axis=0), np.linalg.norm(there, axis=0))
     free = (low < high) & (size > 0)
@@ -178,4 +171,4 @@ def least_promising(
     gain, scaled = min((predicted(share) for share in (0.0, inside, 1.0)), key=lambda of: of[0])
     step = np.zeros_like(y)
     step[free] = scaled / size
-    return Mixture(max(0.0, gain), step)
+    return max(0.0, gain), step

@@ -1,17 +1,16 @@
 """Fits with the stack held at numbers found before, and the fit in two steps that way.
 
-In the second of two steps the records of the platform alone have been used and are left out, so that starts, restarts
-and verdicts look at the others only.  Afterwards all records and parameters are put together again, for the statistics
-and for the covariance, which carries the stack's errors on.
+The second of two steps leaves out the records of the platform alone, so that starts, restarts and verdicts depend on
+the others only.  Afterwards all records and parameters are joined again, for the statistics and for the covariance,
+which includes the stack's errors.
 
-A stack that was read off peaks is held where it was read, and wrong by its errors, which the walks show as they show a
-law that lacks something.  So the walks are judged by what they would leave had the stack been free to move as far as
-its errors let it.  To first order that is the least of
+The errors of a stack read off peaks leave residuals in the walks, as a wrong law does.  So the walks are judged by
+their residuals with the stack free to move within its errors.  To first order these have the least of
 
     |r + J d|^2 + d_s' C^-1 d_s
 
-over steps d of all parameters, d_s those of what was read, with its covariance C.  A stack that would have to be off
-by more than chance gives its errors explains nothing.
+over steps d of all parameters, d_s those of the readings, with their covariance C.  If this step exceeds the errors of
+the readings beyond chance, the stack does not explain the residuals.
 """
 
 import dataclasses
@@ -89,7 +88,7 @@ def with_piezo_held(
 
 
 def due_to_stack(study: Study, stack: PickedStack, accuracy: Accuracy, fit: Fit, problem: Problem) -> bool:
-    """Whether the walks are explained but for the errors of the `stack` held in this `fit` of a `study`."""
+    """Whether the errors of the `stack` held in this `fit` of a `study` explain the residuals of the walks."""
     numbers = {**problem.residual.fixed, **problem.decode(fit.free)}
     starts = {path: float(number) for path, number in numbers.items()}
     whole = point_of_whole_study(study, Point(fit, problem, starts, 1), accuracy, quiet)

@@ -1,9 +1,8 @@
 """Intervals by drawing, of a bootstrap or a posterior, in an estimate.
 
-A posterior is drawn on the scale of the fit, but in values where zero is near.  Where a damping may be zero its
-logarithm goes to minus infinity, and the likelihood with it to what it is at zero: no polynomial follows that, and at
-an optimum at zero residuals have no derivative by it.  By the value itself, in standard errors, they are as smooth as
-they are elsewhere.
+A posterior is drawn on the scale of the fit, but parameters near zero by their values.  The logarithm of a damping
+that may be zero reaches minus infinity, with the likelihood at a finite limit: no polynomial follows that, and at an
+optimum at zero residuals have no derivative by the logarithm.  By the value, in standard errors, they are smooth.
 """
 
 import dataclasses
@@ -91,8 +90,8 @@ def posterior_coordinates(
 ) -> PosteriorCoordinates:
     """Coordinates around an `optimum` of the fit with some parameters `logarithmic`; see `posterior_model`.
 
-    A value is near zero where the linear model has it there within three standard errors, unless it is nearer to its
-    upper bound: what the data do not tell from infinity.
+    A value is near zero where the linear model puts zero within three standard errors, unless the value is nearer to
+    its upper bound: then the data do not tell it from infinity.
     """
     errors = np.linalg.norm(principal_axes(optimum, moving, factor), axis=1)  # of logarithms: relative
     low, high = bounds
@@ -334,10 +333,10 @@ def about_better_optima(
 
 
 def with_draws(estimate: Estimate, draws: Draws, notes: list[str], logarithmic: Bool[np.ndarray, " p"]) -> Estimate:
-    """`estimate` with the intervals of `draws`, where the data say anything.
+    """`estimate` with the intervals of `draws` for identifiable parameters.
 
-    They take the noise for known.  Where it was estimated the ends lie farther out, by as much as Student's t does, on
-    the scale of the fit, but not beyond a bound.
+    Draws take the noise as known.  Where it was estimated, the ends are moved outwards by the ratio of Student's t to
+    the normal quantile, on the scale of the fit, but not beyond a bound.
     """
     parameters, most = dict(estimate.parameters), 1.0
     for drawn, by_logarithm in zip(draws.parameters, logarithmic, strict=True):

@@ -31,7 +31,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...core import Document, Scalar
-from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
+from ..draws import CHAINS, DRAWS, Drawing, each_done, refuse_wrong_entries, stream
 from ..least_squares import Progress
 from .posterior import BLOCK, PROPOSAL_WIDTHS, Chains, Model, learn, task_of
 from .profile_likelihood import Evaluate
@@ -125,7 +125,7 @@ def sample_by_trajectories(model: Model, drawing: Drawing, executor: Executor | 
     """
     wanted = drawing.count or DRAWS
     blocks = range(_WARM_UP_BLOCK, -(-wanted // BLOCK))
-    with reading(drawing.store, "draws of the chains"):
+    with refuse_wrong_entries(drawing.store, "draws of the chains"):
         p, q = model.axes.shape
         each = dict.fromkeys(("log_posterior", "steps", "acceptance", "diverging"), (BLOCK,))
         first, later = {"end": (q,), "step_size": ()}, {"end": (q,), "free": (BLOCK, p), **each}

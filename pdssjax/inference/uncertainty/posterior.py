@@ -35,7 +35,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
 from ...core import Document, InputError
-from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
+from ..draws import CHAINS, DRAWS, Drawing, each_done, refuse_wrong_entries, stream
 from ..least_squares import Progress
 from ..parameter_transform import Box
 from .at_bounds import AtBounds, at_bounds
@@ -289,7 +289,7 @@ def sample_posterior(model: Model, drawing: Drawing, executor: Executor | None, 
     wanted = drawing.count or DRAWS
     blocks = -(-wanted // BLOCK)
     shapes = {"free": (BLOCK, model.optimum.at.size), "proposed": (BLOCK,), "log_posterior": (BLOCK,)}
-    with reading(drawing.store, "draws of the chains"):
+    with refuse_wrong_entries(drawing.store, "draws of the chains"):
         kept = {task_of(entry, shapes): entry for entry in drawing.store.kept()}
     due = [(chain, block) for block in range(blocks) for chain in range(CHAINS) if (chain, block) not in kept]
     if due:

@@ -260,7 +260,7 @@ def test_a_fold_that_is_a_ridge_is_no_minimum():
     args = numbers(fold=at, slope=-5.0)
     top = blank()._replace(across=jnp.stack([least + 1e-6, least - 1e-6]))
     sides = [iterate(run_of(args), y, top)[1] for y in top.across]
-    assert least_promising(top, sides, least, BOUNDS).predicted == np.inf
+    assert least_promising(top, sides, least, BOUNDS)[0] == np.inf
 
 
 def test_a_jacobian_that_takes_the_slope_of_either_side_sample_by_sample_is_a_fold_s_too():
