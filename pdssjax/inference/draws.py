@@ -35,6 +35,7 @@ class Store(Protocol):
 
     def kept(self) -> Sequence[Document]:
         """All entries kept, those of earlier runs included."""
+        ...
 
     def keep(self, entry: Document) -> None:
         """Keep one more entry."""

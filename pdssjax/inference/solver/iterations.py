@@ -28,9 +28,11 @@ class Evaluations(Protocol):
 
     def values(self, point: Point) -> tuple[Float[Array, " n"], Tree]:
         """The residuals, and what goes with them."""
+        ...
 
     def linearised(self, point: Point) -> Linearised:
         """The outputs of `values`, and the Jacobian of each of the two."""
+        ...
 
 
 class FunctionEvaluations(NamedTuple):

@@ -114,7 +114,9 @@ class _Sampler(NamedTuple):
     """One trajectory on; compiled."""
 
 
-def sample_by_trajectories(model: Model, drawing: Drawing, executor: Executor | None, report: Progress) -> Chains:
+def sample_by_trajectories(
+    model: Model, drawing: Drawing, executor: Executor | None, report: Progress, chains: int = CHAINS
+) -> Chains:
     """Draws of several chains; what the store has kept is not drawn again.
 
     Chains run side by side in the threads of the `executor`.  Each block of a chain begins with the numbers that the
@@ -131,21 +133,21 @@ def sample_by_trajectories(model: Model, drawing: Drawing, executor: Executor | 
         first, later = {"end": (q,), "step_size": ()}, {"end": (q,), "free": (BLOCK, p), **each}
         entries = drawing.store.kept()
         kept = {task_of(entry, first if entry["block"] == _WARM_UP_BLOCK else later): entry for entry in entries}
-    if any((chain, block) not in kept for chain in range(CHAINS) for block in blocks):
+    if any((chain, block) not in kept for chain in range(chains) for block in blocks):
         learned = TransportMap(learn(model, drawing.seed, executor, report), model.axes, model.held, model.factor)
         target = TransportedDensity(learned, model.evaluate, model.prior_slopes, *model.bounds)
         report("posterior: compiling the sampler")
         sampler = _sampler(target)
         done = 0
         for block in blocks:
-            due = [chain for chain in range(CHAINS) if (chain, block) not in kept]
+            due = [chain for chain in range(chains) if (chain, block) not in kept]
             work = functools.partial(_block, target, sampler, model, drawing.seed, block, kept)
             for chain, entry in each_done(work, due, executor):
                 drawing.store.keep(entry)
                 kept[chain, block] = entry
                 done += 1
-                report(f"posterior: {done} of {CHAINS * len(blocks)} blocks of {BLOCK} draws")
-    each = [[kept[chain, block] for block in blocks if block != _WARM_UP_BLOCK] for chain in range(CHAINS)]
+                report(f"posterior: {done} of {chains * len(blocks)} blocks of {BLOCK} draws")
+    each = [[kept[chain, block] for block in blocks if block != _WARM_UP_BLOCK] for chain in range(chains)]
     # The density is None where the model cannot be simulated.
     numbers = lambda block, name: np.array(block[name], float if name == "log_posterior" else None)
     whole = lambda name: np.stack([np.concatenate([numbers(b, name) for b in part])[:wanted] for part in each])

@@ -278,7 +278,9 @@ class Chains(NamedTuple):
     sampler knows."""
 
 
-def sample_posterior(model: Model, drawing: Drawing, executor: Executor | None, report: Progress) -> Chains:
+def sample_posterior(
+    model: Model, drawing: Drawing, executor: Executor | None, report: Progress, chains: int = CHAINS
+) -> Chains:
     """Draws of several chains; draws that the store has kept are not evaluated again.
 
     Points and blocks of draws are computed side by side in the threads of the `executor`.
@@ -291,7 +293,7 @@ def sample_posterior(model: Model, drawing: Drawing, executor: Executor | None, 
     shapes = {"free": (BLOCK, model.optimum.at.size), "proposed": (BLOCK,), "log_posterior": (BLOCK,)}
     with refuse_wrong_entries(drawing.store, "draws of the chains"):
         kept = {task_of(entry, shapes): entry for entry in drawing.store.kept()}
-    due = [(chain, block) for block in range(blocks) for chain in range(CHAINS) if (chain, block) not in kept]
+    due = [(chain, block) for block in range(blocks) for chain in range(chains) if (chain, block) not in kept]
     if due:
         learned = learn(model, drawing.seed, executor, report)
         work = functools.partial(_judge_block, model, learned, drawing.seed)
@@ -301,7 +303,7 @@ def sample_posterior(model: Model, drawing: Drawing, executor: Executor | None, 
             report(f"posterior: the model has judged {done * BLOCK} of {len(due) * BLOCK} draws")
     whole = lambda chain, name: np.concatenate([np.array(kept[chain, b][name], float) for b in range(blocks)])[:wanted]
     free, density, accepted = [], [], []
-    for chain in range(CHAINS):
+    for chain in range(chains):
         log_density = whole(chain, "log_posterior")
         log_density = np.where(np.isfinite(log_density), log_density, -np.inf)
         places = independence_chain(log_density - whole(chain, "proposed"), stream(drawing.seed, "correct", chain))
