@@ -129,7 +129,7 @@ def _warn(records: Sequence["NewRecord"], rig: "RigOptions") -> None:
 def _describe_implausible(record: "NewRecord") -> list[str]:
     """The properties of a record that no rig can have, or no waveform of a study, in words."""
     from ..files import drive_of_samples
-    from ..metrics import clipped, describe_hold, rounding_of
+    from ..metrics import clipped_counts, describe_hold, rounding_of
 
     said, guess = [], record.guess
     numbers = guess.waveform.numbers
@@ -139,7 +139,7 @@ def _describe_implausible(record: "NewRecord") -> list[str]:
     if peak > 1000.0:
         said.append(f"{peak:.4g} V, more than stacks bear: is the voltage's unit or scale right?")
     measured = guess.motion if guess.velocity is None else guess.velocity
-    for end, count in clipped(measured, guess.volts).items():
+    for end, count in clipped_counts(measured, guess.volts).items():
         said.append(
             f"{count} samples at exactly the {end} of all, one after the other: a sensor or a scope at the end of its "
             "range shows nothing there; leave them out (exclude)"

@@ -153,7 +153,12 @@ def _record_document(record: Characterisation) -> dict[str, Any]:
         "from": float(record.time[0]),
         "to": float(record.time[-1]),
         "direction": "backward" if cycles.falls else "forward",
-        "frequency": {"used": cycles.frequency, "given": record.given, "seen": cycles.seen, "error": cycles.seen_error},
+        "frequency": {
+            "used": cycles.frequency,
+            "given": record.given,
+            "seen": cycles.slip_frequency,
+            "error": cycles.slip_frequency_error,
+        },
         "cycles": {"complete": cycles.count, "left_out": cycles.rejected, "start": cycles.start},
         "sawtooth_fit": cycles.fit,
         "slip_duration": record.slip_duration,

@@ -53,15 +53,12 @@ def _reduced_chi2(freedom: float, deviate: float) -> float:
 
 
 def largest_by_chance(freedom: float) -> float:
-    """Chi-square per degree of freedom of one record, by the noise given, up to which an excess is nothing.
-
-    It may be chance, or too small to matter.
-    """
+    """Chi-square per degree of freedom of one record up to which an excess over the given noise is chance or small."""
     return max(EXCESS, highest_by_chance(freedom))
 
 
 def freedom_of(record: FittedRecord) -> float:
-    """Degrees of freedom that a fit has left of a record's samples: all of them where it is not known."""
+    """Degrees of freedom that a fit has left of a record's samples: their number where chi-square is not known."""
     return record.chi2 / record.reduced_chi2 if record.chi2 > 0.0 and record.reduced_chi2 > 0.0 else record.samples
 
 
@@ -81,7 +78,7 @@ def stays_below_given_noise(record: FittedRecord) -> bool:
 def above_floor(record: FittedRecord) -> float:
     """Residuals over the noise seen between neighbouring samples, as standard deviations; NaN where unknown.
 
-    Of the samples that do not stand out, which neighbours show nothing of.
+    Samples that stand out are left out, since the scatter of neighbours ignores them, too.
     """
     return record.rest_rmse / record.noise_floor
 
@@ -126,14 +123,14 @@ def is_unresolved(rms: float, measured: Float[np.ndarray, " n"], noise: float | 
 
 
 def leaves_unresolved(record: FittedRecord) -> bool:
-    """`is_unresolved` of what a fit leaves of a record, without the samples that stand out."""
+    """`is_unresolved` for the residuals of a record, without the samples that stand out."""
     return is_unresolved(record.rest_rmse, record.measured, None if record.noise_estimated else record.noise)
 
 
 def neighbour_correlation(record: FittedRecord) -> float:
     """Correlation of neighbouring residuals: 0 for white noise, towards 1 for a misfit that is smooth.
 
-    Of the samples that do not stand out: a glitch of a few samples alone would make 0.6.
+    Samples that stand out are left out: one glitch of a few samples would make 0.6.
     """
     rest = record.rest
     return float(np.nansum(rest[1:] * rest[:-1]) / max(np.nansum(rest**2), 1e-300))
@@ -142,7 +139,7 @@ def neighbour_correlation(record: FittedRecord) -> float:
 def rest_scatter(record: FittedRecord) -> float:
     """The noise that neighbouring residuals show, of the samples that do not stand out.
 
-    Where a motion is sampled coarsely its own bends raise that of the samples, not that of what the model leaves.
+    A coarsely sampled motion raises the scatter of the samples, but not that of the residuals.
     """
     rest = record.rest
     return neighbour_scatter(rest[np.isfinite(rest)])
@@ -151,7 +148,7 @@ def rest_scatter(record: FittedRecord) -> float:
 def repeats(record: FittedRecord) -> bool:
     """Whether residuals that are large enough to tell repeat from cycle to cycle beyond chance, as a misfit does.
 
-    With outliers, the residuals of a fit without them have to repeat, too: outliers pull the fit alike in every cycle.
+    With outliers, the residuals of a fit without them must repeat, too: outliers shift the fit alike in every cycle.
     """
     found = record.lack_of_fit
     if found is None or record.frequency is None or not found.sigmas > SIGNIFICANT or leaves_unresolved(record):

@@ -48,9 +48,8 @@ class Score(NamedTuple):
 def score_of(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p"]) -> Score:
     """The score of one record, from its whitened residuals and their Jacobian.
 
-    The variance is that of residuals as large and as correlated from sample to sample as those that parameters of its
-    own would leave (first order autoregression): misfit that no parameter mends must not pass for a contradiction,
-    nor a contradiction for misfit.
+    The variance is that of residuals as large and as correlated (first order autoregression) as those of a fit to this
+    record alone.  So misfit that no parameter removes does not count as a contradiction, nor a contradiction as misfit.
     """
     information = jacobian.T @ jacobian
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
@@ -63,7 +62,7 @@ def score_of(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p
 
 
 def prior_score(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p"]) -> Score:
-    """The score of what was measured apart: residuals with independent errors of standard deviation 1."""
+    """The score of numbers measured apart, whose residuals have independent errors of standard deviation 1."""
     information = jacobian.T @ jacobian
     return Score(jacobian.T @ residual, information, information)
 
@@ -83,10 +82,12 @@ def agreement(
     """
     whitening = _whitening(np.sum([score.information for score in (*scores, prior)], axis=0))
     whitened = [score.along(whitening) for score in (*scores, prior)]
-    return tuple(
-        _of_group(whitened, np.append(inside, False), whitening, what, names, errors, paths)
-        for (what, names), inside in groups.items()
-    )
+    out = []
+    for (what, names), inside in groups.items():
+        sigmas, shift = _group_score(whitened, np.append(inside, False), whitening)
+        shifts = {path: float(number) for path, number in zip(paths, shift / errors, strict=True)}
+        out.append(Agreement(names, what, sigmas, shifts))
+    return tuple(out)
 
 
 def _whitening(everything: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p k"]:
@@ -97,19 +98,14 @@ def _whitening(everything: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p k"]
     return vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
 
 
-def _of_group(
-    scores: Sequence[Score],
-    inside: Bool[np.ndarray, " records"],
-    whitening: Float[np.ndarray, "p k"],
-    what: str,
-    names: tuple[str, ...],
-    errors: Float[np.ndarray, " p"],
-    paths: Sequence[str],
-) -> Agreement:
+def _group_score(
+    scores: Sequence[Score], inside: Bool[np.ndarray, " records"], whitening: Float[np.ndarray, "p k"]
+) -> tuple[float, Float[np.ndarray, " p"]]:
+    """A group's score as a normal deviate, and the shift of each parameter without the group; NaN if undetermined."""
     fraction = np.sum([s.information for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0)
-    # Of a fit that ended a little beside its optimum the scores do not add up to zero: what is left is shared out.
-    left = np.sum([s.gradient for s in scores], axis=0)
-    score = np.sum([s.gradient for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0) - fraction @ left
+    # The scores of a fit that ended a little beside its optimum do not add up to zero: their sum is distributed.
+    total = np.sum([s.gradient for s in scores], axis=0)
+    score = np.sum([s.gradient for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0) - fraction @ total
     size = whitening.shape[1]
     variance = np.zeros((size, size))
     for each, is_in in zip(scores, inside, strict=True):
@@ -118,17 +114,16 @@ def _of_group(
     values, vectors = np.linalg.eigh(np.eye(size) - fraction)
     known = values > _LEAST
     shift = whitening @ (vectors[:, known] / values[known] @ (vectors[:, known].T @ score))
-    # Its part along undetermined directions may be a thousandth of a parameter's standard error.
+    # The part of a parameter along undetermined directions may be a thousandth of its standard error.
     unknown = np.abs(whitening @ vectors[:, ~known]) > 1e-3 * np.linalg.norm(whitening, axis=1)[:, None]
-    shifts = np.where(np.any(unknown, axis=1), np.nan, shift / errors)
-    return Agreement(names, what, _sigmas(score, variance), {p: float(s) for p, s in zip(paths, shifts, strict=True)})
+    return _sigmas(score, variance), np.where(np.any(unknown, axis=1), np.nan, shift)
 
 
 def _sigmas(score: Float[np.ndarray, " k"], variance: Float[np.ndarray, "k k"]) -> float:
     """How unlikely so large a score is, as a normal deviate (E. B. Wilson and M. M. Hilferty, PNAS 17(12), 1931).
 
-    In units of what all records tell: directions of which the group tells all but a millionth, or a millionth, are left
-    out.
+    Scores are in units of the information of all records.  Directions are left out of which the group has a millionth
+    of the information, or all but a millionth.
     """
     values, vectors = np.linalg.eigh(variance)
     kept = values > 1e-6
@@ -161,7 +156,7 @@ def combinations(relative: Float[np.ndarray, "p p"], paths: tuple[str, ...]) -> 
         exponents = vector / vector[np.argmax(np.abs(vector))]
         parts = {paths[i]: float(e) for i, e in zip(known, exponents, strict=True) if abs(e) >= TAKES_PART}
         ranked = dict(sorted(parts.items(), key=lambda part: -abs(part[1])))
-        # The error of the product as it is written, so that the number belongs to what is read.
+        # The error is that of the product without the parameters left out.
         powers = np.array([ranked.get(paths[i], 0.0) for i in known])
         spread = powers @ relative[np.ix_(known, known)] @ powers
         found.append(Combination(ranked, float(np.sqrt(max(spread, value, 0.0)))))

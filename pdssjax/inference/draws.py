@@ -25,23 +25,20 @@ REPLICATES, DRAWS, CHAINS = 1000, 1000, 4
 
 
 class Store(Protocol):
-    """Keeps draws, so that a run that is broken off can go on; as a string, the name of the place."""
+    """Keeps draws, so that an interrupted run can be resumed; `str` gives the name of the place."""
 
     def begun(self) -> Document | None:
-        """The description that `begin` got from the run that goes on; None where this is a new one."""
-        ...
+        """The settings that `begin` got from the run that is resumed; None for a new run."""
 
     def begin(self, what: Document) -> None:
-        """Describe the draws that will be kept; not called where a run goes on."""
-        ...
+        """Describe the draws that will be kept; not called for a resumed run."""
 
     def kept(self) -> Sequence[Document]:
-        """All entries kept, also those of earlier runs."""
+        """All entries kept, those of earlier runs included."""
         ...
 
     def keep(self, entry: Document) -> None:
         """Keep one more entry."""
-        ...
 
 
 class InMemory:
@@ -74,7 +71,7 @@ class Drawing:
     count: int | None = None
     """Replicates of a bootstrap, draws of each chain of a posterior; 1000 unless given."""
     seed: int = 0
-    """Replicate k depends on it and on k alone, whatever is drawn before it."""
+    """Seed of the random numbers: replicate k depends on the seed and k alone."""
     resampled: Resampled = "noise"
     """Resampling of a bootstrap."""
     store: Store = field(default_factory=InMemory)
@@ -127,15 +124,15 @@ def _in_float64(work: Callable[[Task], Result], task: Task) -> Result:
     return work(task)
 
 
-def same_run(begun: Mapping[str, object], settings: Mapping[str, object], where: str = "") -> None:
-    """**Raises** `InputError` where a run cannot go on, since its `settings` differ from those `begun` with.
+def check_same_run(begun: Mapping[str, object], settings: Mapping[str, object], where: str = "") -> None:
+    """**Raises** `InputError` where the `settings` of a resumed run differ from those it had `begun` with.
 
-    **Arguments:** `where` both are, for messages on parts of them.
+    **Arguments:** `where` is the prefix of messages on parts of the settings.
     """
     for name in dict.fromkeys([*settings, *(begun if where else ())]):
         value, before, place = settings.get(name), begun.get(name), f"{where}{name}: "
         if isinstance(value, dict) and isinstance(before, dict):
-            same_run(before, value, place)
+            check_same_run(before, value, place)
         elif before != value:
             raise InputError(
                 f"{place}found {_in_short(value)} where the run that should go on has {_in_short(before)}; "
@@ -148,7 +145,7 @@ def _in_short(value: object) -> str:
 
 
 @contextlib.contextmanager
-def reading(store: Store, what: str) -> Iterator[None]:
+def refuse_wrong_entries(store: Store, what: str) -> Iterator[None]:
     """Refuse entries of a `store`, named `what`, that are not what a run wrote, in one line.
 
     **Raises:** `InputError` in place of whatever wrong types, keys and shapes raise within it.

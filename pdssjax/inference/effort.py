@@ -6,14 +6,14 @@ from ..core import InputError, nearest
 
 
 class Effort(NamedTuple):
-    """One setting for all that trades time for the last bit of chi-square."""
+    """One setting for all trade-offs between time and the least chi-square."""
 
     name: str
     starts: float
     """Starts that a doubtful fit is compared with, and points at which starts are searched for, in parts of the usual
     numbers."""
     evaluations: int
-    """Model evaluations of all runs together, from which on no other start is fitted."""
+    """Model evaluations of all runs together, after which no other start is fitted."""
     iterations: int
     """Linearisations of one run."""
     slow_steps: int
@@ -30,7 +30,7 @@ class Effort(NamedTuple):
 
     @property
     def advice(self) -> str:
-        """The end of a message on a fit that could go on with more effort; "" where there is no more."""
+        """The end of a message on a fit that could go on with more effort; "" at the highest effort."""
         return "" if self.name == "thorough" else f'; it ends here with effort "{self.name}", "thorough" goes on'
 
 

@@ -38,7 +38,7 @@ from .diagnosis import contradicting, records_agreement
 from .least_squares import Fit, by_record, evaluated, quiet
 from .problem import Problem
 from .stack_parameters import platform_alone_records, stack_parameters, stack_residuals
-from .validation import Missed, missed_records
+from .validation import MissedRecord, missed_records
 
 _POOR = 1.15
 """Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
@@ -55,7 +55,7 @@ class WithoutOutliers(NamedTuple):
     residual: Float[np.ndarray, " n"]
     """Whitened, as the loss counts them; NaN where a sample stands out."""
     step: Float[np.ndarray, " p"]
-    """How far the fit would end elsewhere, on its scale; 0 under a robust loss, which outliers hardly pull."""
+    """From the fitted point to the end of that fit, on its scale; 0 under a robust loss, which outliers hardly pull."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,10 +84,10 @@ class Evidence:
         return self.fit.chi2 / self.degrees_of_freedom
 
     @cached_property
-    def degrees_taken(self) -> Float[np.ndarray, " records"]:
-        """Degrees of freedom that the fit takes from each record: its information on the parameters, and a free offset.
+    def effective_parameters(self) -> Float[np.ndarray, " records"]:
+        """Effective number of parameters that each record determines, by leverage; a free offset counts as one.
 
-        A few precise samples may tell nearly all, and then are followed nearly exactly.
+        A few precise samples may determine nearly all parameters; the fit then follows them nearly exactly.
         """
         problem, free = self.problem, self.fit.free
         used, fitted = np.ones(len(problem.records), bool), np.ones(free.size, bool)
@@ -103,9 +103,9 @@ class Evidence:
             return count * sizes / max(sizes.sum(), 1.0) + offsets
         basis, singular, _ = np.linalg.svd(jacobian[:, kept] / norms[kept], full_matrices=False)
         leverage = np.sum(basis[:, singular > NO_INFORMATION * singular[0]] ** 2, axis=1)
-        # Those at bounds and those without information count, too, as they do in all.
-        taken = leverage * count / np.sum(leverage)
-        return np.array([np.sum(taken[rows]) for rows in problem.rows]) + offsets
+        # Parameters at bounds and those without information count, too, as in `degrees_of_freedom`.
+        shares = leverage * count / np.sum(leverage)
+        return np.array([np.sum(shares[rows]) for rows in problem.rows]) + offsets
 
     @cached_property
     def variance_factor(self) -> float:
@@ -114,7 +114,7 @@ class Evidence:
         By the records whose noise is given: noise that is estimated is that of the residuals already.
         """
         squares = np.array([np.sum(part**2) for part in by_record(self.problem, self.fit)])
-        freedom = np.sum((self._sizes - self.degrees_taken)[self._enlarging])
+        freedom = np.sum((self._sizes - self.effective_parameters)[self._enlarging])
         factor = float(np.sum(squares[self._enlarging]) / max(freedom, 1.0))
         return max(1.0, factor) if np.isfinite(factor) else 1.0
 
@@ -122,10 +122,10 @@ class Evidence:
     def noise_freedom(self) -> Float[np.ndarray, " records"]:
         """Degrees of freedom of the noise estimate of each record.
 
-        Where it was estimated these are the record's own.  Noise that is given is known, but where residuals exceed it
-        it is as large as those of all such records say, which share theirs.
+        For estimated noise these are the record's own.  Given noise is known (infinite) unless residuals exceed it:
+        then all records with given noise share one estimate and its degrees of freedom.
         """
-        left = self._sizes - self.degrees_taken
+        left = self._sizes - self.effective_parameters
         together = max(float(np.sum(left[self._enlarging])), 1.0) if self.variance_factor > 1.0 else np.inf
         return np.where(self.noise_is_given, together, np.maximum(left, 1.0))
 
@@ -137,11 +137,8 @@ class Evidence:
     @property
     def _enlarging(self) -> Bool[np.ndarray, " records"]:
         """Records by which variances are enlarged: those with noise given that the fit was fitted to."""
-        return (
-            self.noise_is_given & ~platform_alone_records(self.problem.records)
-            if self.after_stack
-            else self.noise_is_given
-        )
+        alone = platform_alone_records(self.problem.records)
+        return self.noise_is_given & ~alone if self.after_stack else self.noise_is_given
 
     @property
     def _sizes(self) -> Float[np.ndarray, " records"]:
@@ -169,19 +166,19 @@ class Evidence:
     def undisturbed_point(self) -> Float[np.ndarray, " p"]:
         """Optimum of the fit without the samples that stand out, on its scale; the fitted point where none does.
 
-        The step there is that of the linear model.  It is discarded where it does not lower the sum of squares of the
-        other samples: the model is not linear over that distance.
+        The linear model gives the step.  It is discarded where it does not lower the sum of squares of the other
+        samples, since the model is then not linear over that distance.
         """
-        problem, fit, found = self.problem, self.fit, self.without_outliers
-        if not found.step.any():
+        problem, fit, without = self.problem, self.fit, self.without_outliers
+        if not without.step.any():
             return fit.free
-        there = np.clip(fit.free + found.step, *problem.bounds)
+        there = np.clip(fit.free + without.step, *problem.bounds)
 
         def squares_left(residual: Float[np.ndarray, " n"]) -> float:
-            """The sum of squares of the other samples, free zeros of records theirs."""
+            """The sum of squares of the other samples, about their mean where a record's zero is free."""
             total = 0.0
             for record, rows in zip(problem.records, problem.rows, strict=True):
-                left = residual[rows][~found.outlying[rows]]
+                left = residual[rows][~without.outlying[rows]]
                 zero = np.mean(left) if record.offset is None and left.size else 0.0
                 total += float(np.sum((left - zero) ** 2))
             return total
@@ -194,9 +191,8 @@ class Evidence:
     @cached_property
     def is_poor(self) -> bool:
         """Whether the fit leaves more than noise, or its records contradict each other."""
-        return self.leaves_more_than_noise or bool(
-            contradicting(records_agreement(self.problem, self.fit, self.covariance))
-        )
+        agreement = records_agreement(self.problem, self.fit, self.covariance)
+        return self.leaves_more_than_noise or bool(contradicting(agreement))
 
     @cached_property
     def leaves_more_than_noise(self) -> bool:
@@ -212,16 +208,15 @@ class Evidence:
         if not np.isfinite(self.fit.chi2):
             return True
         parts = [self.without_outliers.residual[rows] for rows in problem.rows]
-        given = [part for part, is_given in zip(parts, self.noise_is_given, strict=True) if is_given]
-        estimated = [part for part, is_given in zip(parts, self.noise_is_given, strict=True) if not is_given]
-        if self._exceeds_given_noise(given):
-            return True
-        judged = []
+        given, estimated, judged = [], [], []
         for record, part, noise in zip(problem.records, parts, problem.noise, strict=True):
+            (estimated if record.noise is None else given).append(part)
             finite = part[np.isfinite(part)]
             rms = float(noise * np.sqrt(np.mean(finite**2))) if finite.size else 0.0
             if not is_unresolved(rms, record.measured, record.noise):
                 judged.append((record, part))
+        if self._exceeds_given_noise(given):
+            return True
         samples = sum(int(np.sum(np.isfinite(part))) for _, part in judged)
         products = sum(np.nansum(part[1:] * part[:-1]) for _, part in judged)
         squares = sum(np.nansum(part**2) for _, part in judged)
@@ -237,9 +232,9 @@ class Evidence:
         return max(uneven, default=np.inf) > SIGNIFICANT or sum(uneven) > SIGNIFICANT * np.sqrt(len(uneven))
 
     def _exceeds_given_noise(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
-        """Whether residuals of records whose noise is given exceed it: those of any record, or of all together.
+        """Whether residuals of records whose noise is given exceed it: those of all together, or of any record.
 
-        Each record by itself, too: many samples that are explained hide what others leave.  NaN does not count.
+        Taken together, many explained samples would hide one record that is not.  NaN does not count.
         """
         if not parts:
             return False
@@ -252,19 +247,19 @@ class Evidence:
 
     def _scatter(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> tuple[float, float]:
         """The variance of residuals, as the loss has it, and their degrees of freedom; without NaN."""
-        kept = np.concatenate([np.zeros(0), *parts])
-        kept = kept[np.isfinite(kept)]
-        freedom = self.degrees_of_freedom / np.size(self.fit.state.residual) * kept.size
-        scatter = self.problem.residual.loss.scatter(kept, max(freedom, 1.0)) if kept.size else 0.0
+        residual = np.concatenate([np.zeros(0), *parts])
+        residual = residual[np.isfinite(residual)]
+        freedom = self.degrees_of_freedom / np.size(self.fit.state.residual) * residual.size
+        scatter = self.problem.residual.loss.scatter(residual, max(freedom, 1.0)) if residual.size else 0.0
         return float(scatter**2), freedom
 
     @cached_property
-    def missed(self) -> tuple[Missed, ...]:
-        """Records of the study that were not fitted and are not predicted, also where parameters move within errors."""
+    def missed(self) -> tuple[MissedRecord, ...]:
+        """Records not fitted that are not predicted, even by parameters that move within their errors."""
         return self.missed_within(self.covariance)
 
-    def missed_within(self, covariance: Float[np.ndarray, "p p"]) -> tuple[Missed, ...]:
-        """Records `missed` by errors of another `covariance` on the fit's scale; none of a fit that is no success."""
+    def missed_within(self, covariance: Float[np.ndarray, "p p"]) -> tuple[MissedRecord, ...]:
+        """As `missed`, with another `covariance` on the fit's scale; empty for a fit without success."""
         if self.study is None or not self.fit.success or all(record.role == "fit" for record in self.study.records):
             return ()
         return missed_records(self.study, self.problem, self.undisturbed_point, covariance)
@@ -275,47 +270,47 @@ class Evidence:
     def statistics(self) -> Statistics:
         """Chi-square, its degrees of freedom and the criteria, for the report."""
         problem, fit = self.problem, self.fit
-        measured = int(np.size(fit.state.residual))
+        residuals = int(np.size(fit.state.residual))
         free = fit.free.size + sum(record.offset is None for record in problem.records)
         sizes = np.array([record.time.size for record in problem.records])
-        # Minus twice the log-likelihood: the noise counts, where it is estimated.
+        # Minus twice the log-likelihood; the noise enters, since it may be estimated.
         deviance = fit.chi2 + 2.0 * np.sum(sizes * (np.log(problem.noise) + problem.residual.loss.log_volume()))
-        # But for a constant: the errors of what was measured apart.
-        deviance += (measured - sizes.sum()) * np.log(2.0 * np.pi)
+        # Up to a constant, the errors of what was measured apart.
+        deviance += (residuals - sizes.sum()) * np.log(2.0 * np.pi)
         return Statistics(
             chi2=fit.chi2,
             reduced_chi2=self.reduced_chi2,
             aic=float(deviance + 2.0 * free),
-            bic=float(deviance + np.log(measured) * free),
+            bic=float(deviance + np.log(residuals) * free),
             evaluations=fit.evaluations,
             iterations=fit.iterations,
             samples=int(sizes.sum()),
             free=free,
             noise_estimated=all(record.noise is None for record in problem.records),
-            measured_apart=measured - int(sizes.sum()),
+            measured_apart=residuals - int(sizes.sum()),
         )
 
 
 def fit_without_outliers(problem: Problem, fit: Fit) -> WithoutOutliers:
     """The `fit` without the samples that stand out, by the linear model."""
     residual = np.asarray(fit.state.residual)
-    out, step = _outlying(problem, residual), np.zeros(fit.free.size)
-    if not out.any() or problem.residual.loss.is_robust:
-        return WithoutOutliers(out, np.where(out, np.nan, residual), step)
+    outlying, step = _outlying(problem, residual), np.zeros(fit.free.size)
+    if not outlying.any() or problem.residual.loss.is_robust:
+        return WithoutOutliers(outlying, np.where(outlying, np.nan, residual), step)
     # What the fit is free to change: parameters that are not at bounds, and the free zeros.
     jacobian = np.asarray(fit.state.jacobian) * ~problem.residual.transform.at_bound(fit.free)
     columns = np.column_stack([jacobian, zero_columns(problem, len(jacobian))])
     best_step = lambda used: -scaled_least_squares(columns[used], residual[used], NO_INFORMATION)
     # The difference of two steps: that with all samples is 0 only where the fit ended in an optimum.
-    whole, rest = best_step(np.ones(out.size, bool)), residual
+    step_of_all, rest = best_step(np.ones(outlying.size, bool)), residual
     for _ in range(_ROUNDS):
-        turn = best_step(~out) - whole
-        rest, step = residual + columns @ turn, turn[: step.size]
-        more = _outlying(problem, rest) | out
-        if np.array_equal(more, out):
+        change = best_step(~outlying) - step_of_all
+        rest, step = residual + columns @ change, change[: step.size]
+        more = _outlying(problem, rest) | outlying
+        if np.array_equal(more, outlying):
             break
-        out = more
-    return WithoutOutliers(out, np.where(out, np.nan, rest), step)
+        outlying = more
+    return WithoutOutliers(outlying, np.where(outlying, np.nan, rest), step)
 
 
 def _outlying(problem: Problem, roots: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:

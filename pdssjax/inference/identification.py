@@ -34,9 +34,9 @@ from .least_squares import MAX_ITERATIONS, Fit, FitMethod, Method, Progress, eva
 from .losses.base import AbstractLoss
 from .problem import Problem
 from .record_checks import check_measured_once, warn_of_reversed_signs
-from .search.multistart import BestPoint, Point, best_fit, best_of_starts, check_starts, completed, with_noise
+from .search.multistart import BestPoint, Point, best_fit, best_of_starts, check_starts, with_all_records, with_noise
 from .solver.minimisers import Minimiser, check_minimiser
-from .stack_first.held_stack import due_to_stack, rejoined, sequential, with_stack_held
+from .stack_first.held_stack import due_to_stack, point_of_whole_study, sequential, with_stack_held
 from .stack_first.peak_picking import PickedStack, pick_peaks
 from .summary import summarise
 from .uncertainty.drawn_intervals import with_bootstrap, with_posterior
@@ -162,7 +162,7 @@ class _Identification(NamedTuple):
     """The integrator of the fit that checks this one; None: no check."""
     report: Progress
     held_values_explain: Callable[[Fit, Problem], bool] | None
-    """Whether what a poor fit leaves is due to the stack held in it."""
+    """Whether the errors of the stack held in a poor fit explain its residuals; None without such a stack."""
     effort: Effort
     begun: float
     """Time at which the identification began [s]."""
@@ -179,11 +179,11 @@ class _Identification(NamedTuple):
 
     def estimate(self) -> Estimate:
         """The estimate; **raises** `FitInterrupted` with the best so far where it is broken off."""
-        best, done, estimate = BestPoint(), None, None
+        best, finished, estimate = BestPoint(), None, None
         try:
             found = self._fit(best)
-            done = Point(found.evidence.fit, found.evidence.problem, found.starts, 2)
-            estimate = self._summary(done, not self.effort.compares, found.evidence)
+            finished = Point(found.evidence.fit, found.evidence.problem, found.starts, 2)
+            estimate = self._summary(finished, not self.effort.compares, found.evidence)
             estimate = dataclasses.replace(estimate, multistart=found.multistart, effort=self.effort.name)
             estimate = self._with_intervals(estimate, found.evidence)
             if self.referee is not None:
@@ -192,16 +192,16 @@ class _Identification(NamedTuple):
                 estimate = with_check(estimate, found.evidence.fit, second, self.method, self.report)
             estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - self.begun)
         except KeyboardInterrupt as interrupt:
-            point = done or best.point
+            point = finished or best.point
             if estimate is None and point is not None:
-                estimate = self._summary(point, briefly=not done)
+                estimate = self._summary(point, briefly=not finished)
             raise FitInterrupted(estimate) from interrupt
         finally:
             clear_bar(self.report)
         return estimate
 
     def _fit(self, best: BestPoint) -> FitAndStarts:
-        """The fit, its problem and its starts: found anew, or those around which draws go on."""
+        """The fit, its problem and its starts: found anew, or those of the run whose draws are resumed."""
         study, report, accuracy, effort = self.study, self.report, self.accuracy, self.effort
         drawn = self.intervals in DRAWN
         settings = run_settings(study, self.method, self.intervals, self.drawing, self.starts, accuracy, effort.name)
@@ -225,17 +225,14 @@ class _Identification(NamedTuple):
             self.drawing.store.begin(fit_document(settings, found))
         return found
 
-    def _summary(self, point: Point, briefly: bool = False, known: Evidence | None = None) -> Estimate:
-        """The estimate at a `point`, by the whole study; `briefly` without second derivatives.
-
-        **Arguments:** the evidence of that fit as far as it is `known`.
-        """
+    def _summary(self, point: Point, briefly: bool, known: Evidence | None = None) -> Estimate:
+        """The estimate at a `point`, by the whole study; `known` is its evidence, if computed already."""
         study, stack, report = self.whole, self.stack, self.report
-        # Who ends a process with a signal may kill it soon after: no second derivatives then, which take long.
+        # An interrupted process may be killed soon: `briefly` leaves out second derivatives, which take long.
         report("predicting every record")
-        point = point._replace(fit=completed(point, report), covers=2)
+        point = point._replace(fit=with_all_records(point, report), covers=2)
         if stack is not None:
-            point = rejoined(study, point, point.problem.residual.accuracy, report)
+            point = point_of_whole_study(study, point, point.problem.residual.accuracy, report)
         if known is None or known.fit is not point.fit:
             known = Evidence(point.problem, point.fit, study)
         estimate = summarise(study, self.method, known, point.starts, stack)
@@ -254,7 +251,7 @@ class _Identification(NamedTuple):
         if not estimate.converged:
             note = f"No {intervals}: the fit did not converge, and its intervals are linear."
             return dataclasses.replace(estimate, notes=(*estimate.notes, note))
-        # Evaluated anew, so that a run that goes on begins with the same numbers to the last bit.
+        # Evaluated anew, so that a resumed run begins with the same numbers to the last bit.
         evidence = Evidence(problem, evaluated(problem, fit.free, quiet))
         settings = self.drawing, self.executor, self.report
         if intervals == "posterior":
@@ -298,7 +295,7 @@ def _loss(name: str, method: str, intervals: str) -> AbstractLoss:
     if name not in known:
         raise InputError(f'loss: found "{name}"; {nearest(name, known)}')
     loss = member("inference.losses", name)()
-    if not loss.supports(method, intervals):
+    if loss.is_robust and (method, intervals) != ("joint", "linear"):
         raise InputError(
             f'loss: found "{name}" with method "{method}" and intervals "{intervals}", expected "joint" and "linear".'
         )

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from ..core import Given, InputError
 from ..integration import SOLVERS, Accuracy, accuracy_with, solver_name
 from ..study import VISIBLE, Estimate, IntegratorCheck
-from .least_squares import Fit, Method, Progress, fit_phase
+from .least_squares import Fit, Method, Progress, fit_all
 from .problem import Problem
 from .solver.lm_state import Ending
 from .stack_first.held_stack import sequential
@@ -34,9 +34,9 @@ def check_accuracy(check_with: Given, accuracy: Accuracy) -> Accuracy | None:
 
 
 def with_check(estimate: Estimate, fit: Fit, second: Problem, method: Method, report: Progress) -> Estimate:
-    """`estimate` with what a second fit, from where the first `fit` ended, differs by; large differences get a note.
+    """`estimate` with the differences of a second fit from the first one's end; a note tells of large differences.
 
-    **Arguments:** the `second` problem is the first one by another integrator, with the noise found by the first fit.
+    **Arguments:** the `second` problem is the first one by another integrator, with the noise found by the first `fit`.
     """
     name = solver_name(second.residual.accuracy.method)
     if not fit.success:
@@ -46,33 +46,27 @@ def with_check(estimate: Estimate, fit: Fit, second: Problem, method: Method, re
     tell: Progress = lambda line: report(f"check: {line}")
     if method == "sequential":
         again = sequential(second, second.decode(fit.free), tell)
-    else:  # without the first phase of a joint fit, which would lead away from there
-        everything = np.ones(len(second.records), bool), np.ones(fit.free.size, bool)
-        again = fit_phase(second, fit.free, *everything, "all", tell)
-    names = second.residual.transform
-    ends = [names.in_si(names.own(_end(run))) for run in (fit, again)]
-    errors = np.array([estimate.parameters[path].standard_error for path in names.paths])
-    away = np.where(errors > 0.0, ends[1] - ends[0], np.nan) / np.where(errors > 0.0, errors, 1.0)
-    away = away if np.isfinite(again.chi2) else np.full_like(away, np.nan)
+    else:  # without the first phase of a joint fit, which would lead away from the first fit's end
+        again = fit_all(second, fit.free, tell)
+    transform = second.residual.transform
+    first_end, second_end = (transform.in_si(transform.own(_end(run))) for run in (fit, again))
+    errors = np.array([estimate.parameters[path].standard_error for path in transform.paths])
+    shifts = np.where(errors > 0.0, second_end - first_end, np.nan) / np.where(errors > 0.0, errors, 1.0)
+    shifts = shifts if np.isfinite(again.chi2) else np.full_like(shifts, np.nan)
     values = {path: float(value) for path, value in second.decode(again.free).items()}
-    check = IntegratorCheck(
-        name,
-        {path: float(number) for path, number in zip(names.paths, away, strict=True)},
-        again.success,
-        how_it_ended(second, again, values),
-    )
-    notes = []
+    by_path = dict(zip(transform.paths, map(float, shifts), strict=True))
+    check = IntegratorCheck(name, by_path, again.success, how_it_ended(second, again, values))
+    notes = list(estimate.notes)
     if check.largest is None or not check.converged:
-        notes = [f"The check says little, {check.sentence}."]
+        notes.append(f"The check says little, {check.sentence}.")
     elif abs(check.largest[1]) > VISIBLE:
-        notes = [
-            f"Another integrator finds other numbers, {check.sentence}. One of the two is too coarse for these records."
-        ]
-    return dataclasses.replace(estimate, check=check, notes=(*estimate.notes, *notes))
+        cause = "One of the two is too coarse for these records."
+        notes.append(f"Another integrator finds other numbers, {check.sentence}. {cause}")
+    return dataclasses.replace(estimate, check=check, notes=tuple(notes))
 
 
 def _end(fit: Fit) -> Float[np.ndarray, " p"]:
-    """The end of a fit, with the step that was too small to be taken.
+    """The end of a fit plus its last proposed step, which was too small to be taken.
 
     A fit ends where that step is below a hundredth of a standard error; integrators agree to better than that.
     """

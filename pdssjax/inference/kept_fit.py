@@ -11,7 +11,7 @@ import numpy as np
 from ..core import Document
 from ..integration import Accuracy
 from ..study import Multistart, Study
-from .draws import Drawing, reading, same_run
+from .draws import Drawing, check_same_run, refuse_wrong_entries
 from .effort import USUAL, Effort
 from .evidence import Evidence
 from .least_squares import Method, Progress, evaluated
@@ -115,8 +115,8 @@ def restored_fit(
     if document is None:
         return None
     report("going on around the fit that was kept")
-    same_run(document, settings)
-    with reading(drawing.store, "the fit"):
+    check_same_run(document, settings)
+    with refuse_wrong_entries(drawing.store, "the fit"):
         kinds = {"success": bool, "message": str, "iterations": int, "evaluations": int, "ending": int}
         for key, kind in kinds.items():
             if not isinstance(document[key], kind):

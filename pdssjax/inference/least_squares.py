@@ -102,18 +102,21 @@ def joint(problem: Problem, starts: Values, report: Progress, limit: int = MAX_I
     """
     platform = platform_alone_records(problem.records)
     free = problem.residual.transform.encode(starts)
-    piezo = platform_parameters(problem)
-    spent = []
-    carries = any(record.measurement.effector_moves for record in problem.records)
-    if platform.any() and carries and piezo.any() and not piezo.all():
-        first = fit_phase(problem, free, platform, piezo, "piezo", report, limit)
-        free, spent = first.free, [first]
-    last = fit_phase(problem, free, np.ones(platform.size, bool), np.ones(free.size, bool), "all", report, limit)
-    return summed(last, spent)
+    piezo, earlier = platform_parameters(problem), list[Fit]()
+    effector_moves = any(record.measurement.effector_moves for record in problem.records)
+    if platform.any() and effector_moves and piezo.any() and not piezo.all():
+        earlier = [fit_phase(problem, free, platform, piezo, "piezo", report, limit)]
+        free = earlier[0].free
+    return with_counts_of(fit_all(problem, free, report, limit), earlier)
+
+
+def fit_all(problem: Problem, free: Float[np.ndarray, " p"], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
+    """One run over all parameters and records, from the point `free`."""
+    return fit_phase(problem, free, np.ones(len(problem.records), bool), np.ones(free.size, bool), "all", report, limit)
 
 
 def evaluated(problem: Problem, free: Float[np.ndarray, " p"], report: Progress) -> Fit:
-    """All records at the point `free`, where nothing is fitted."""
+    """Evaluate all records at the point `free` as a fit of nothing."""
     everything = np.ones(len(problem.records), bool)
     return fit_phase(problem, free, everything, np.zeros(free.size, bool), "all", report)
 
@@ -130,7 +133,7 @@ def piezo_alone(problem: Problem, starts: Values, report: Progress) -> dict[str,
     return {path: float(found[path]) for path, wanted in zip(names.paths, piezo, strict=True) if wanted}
 
 
-def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
+def with_counts_of(last: Fit, earlier: Sequence[Fit]) -> Fit:
     """`last` with the iterations of the `earlier` phases counted in."""
     return last._replace(
         iterations=last.iterations + sum(fit.iterations for fit in earlier),
@@ -155,42 +158,46 @@ def fit_phase(
 
     It begins where variable projection ends, if the records are linear in some of the parameters.
     """
-    linear, spent = linear_parameters(problem, used) & fitted, 0
+    linear, evaluations = linear_parameters(problem, used) & fitted, 0
     if linear.sum() >= FEWEST_LINEAR:
         tell: Progress = lambda line: report(f"{name}: {line}")
         found = project(problem, free, as_weights(problem.noise, used), fitted, linear, tell)
-        free, spent = found.free, found.evaluations
+        free, evaluations = found.free, found.evaluations
         report(f"{name}: {linear.sum()} linear parameters projected out, chi-square {found.chi2:.6g}")
     limit = min(limit, MAX_ITERATIONS, problem.effort.iterations)
-    steps, ended = 0, ""
+    steps, minimiser_ended = 0, ""
     if problem.minimiser is not None and fitted.any():
         options, weights = problem.residual.transform.bounds_where(fitted, free), as_weights(problem.noise, used)
-        free, steps, ended = minimised(problem.minimiser, problem.residual, free, weights, options, limit)
-        # What remains is the word on where it ended, by the same tests as those of the package's own solver.
-        spent, limit = spent + steps, 0
-    run, point, blank = _start_run(problem, free, used, fitted)
-    y, state = point, blank
-    course: list[tuple[int, float]] = []
-    for y, state in iterates(run, point, blank, limit):
+        free, steps, minimiser_ended = minimised(problem.minimiser, problem.residual, free, weights, options, limit)
+        # The package's own solver takes no further step, and only tests the point.
+        evaluations, limit = evaluations + steps, 0
+    run, start, blank = _start_run(problem, free, used, fitted)
+    y, state, history = start, blank, list[tuple[int, float]]()
+    for y, state in iterates(run, start, blank, limit):
         chi2 = float(np.sum(np.asarray(state.residual) ** 2))
         if bool(state.accepted):
-            course.append((int(state.evaluations), chi2))
-        taken = max(int(state.iterations), 1 - int(state.unevaluated))
-        so_far = Fit(np.asarray(y), state, False, INTERRUPTED, taken, int(state.evaluations) + spent)
+            history.append((int(state.evaluations), chi2))
         if problem.watch is not None:
-            problem.watch(problem, used, so_far)
+            counts = _iterations(state), int(state.evaluations) + evaluations
+            problem.watch(problem, used, Fit(np.asarray(y), state, False, INTERRUPTED, *counts))
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
     predicted = np.inf
     y, state = beside_kink(run, y, state)
     if int(state.ending) == Ending.KINK:
         y, state, predicted = along_kink(run, y, state)
-    ending, iterations = Ending(int(state.ending)), max(int(state.iterations), 1 - int(state.unevaluated))
+    ending = Ending(int(state.ending))
     message, success = _message(run, np.asarray(y), state, fitted, limit, predicted)
     if ending == Ending.SLOW_STEPS:
-        message = _slow(problem.effort, course)
-    if ended and ending == Ending.RUNNING:
-        message = f"{ended} where the gradient is not small"
-    return Fit(np.asarray(y), state, success, message, iterations + steps, int(state.evaluations) + spent, ending)
+        message = _slow_message(problem.effort, history)
+    if minimiser_ended and ending == Ending.RUNNING:
+        message = f"{minimiser_ended} where the gradient is not small"
+    counts = _iterations(state) + steps, int(state.evaluations) + evaluations
+    return Fit(np.asarray(y), state, success, message, *counts, ending)
+
+
+def _iterations(state: LMState) -> int:
+    """Iterations of a run; 1 for one that only evaluated its start."""
+    return max(int(state.iterations), 1 - int(state.unevaluated))
 
 
 def _message(
@@ -201,13 +208,14 @@ def _message(
     limit: int,
     predicted: float,
 ) -> tuple[str, bool]:
-    """How a run ended, in words, and whether that is a success; on a kink its slopes still promise `predicted`."""
-    ending = Ending(int(state.ending))
+    """How a run ended, in words, and whether that is a success.
+
+    **Arguments:** `predicted` is the decrease of chi-square that the slopes on both sides of a kink still predict.
+    """
+    ending, chi2 = Ending(int(state.ending)), float(np.sum(np.asarray(state.residual) ** 2))
     if ending == Ending.RUNNING:
         return f"no convergence within {limit} iterations", False
-    if ending == Ending.KINK and predicted <= float(run.solver.small_jump) * float(
-        np.sum(np.asarray(state.residual) ** 2)
-    ):
+    if ending == Ending.KINK and predicted <= float(run.solver.small_jump) * chi2:
         return AT_KINK, True
     low, high = (np.asarray(run.bounds[end]) for end in ("lower", "upper"))
     if ending == Ending.CONVERGED and (fitted & ((free <= low) | (free >= high))).any():
@@ -216,12 +224,12 @@ def _message(
     return message.format(jump=float(state.jump)) if ending == Ending.SMALL_JUMP else message, ending in SUCCESSES
 
 
-def _slow(effort: Effort, course: Sequence[tuple[int, float]]) -> str:
+def _slow_message(effort: Effort, history: Sequence[tuple[int, float]]) -> str:
     """The message of a run that ended in slow steps.
 
-    **Arguments:** the `course` of the run: evaluations and chi-square after each accepted step.
+    **Arguments:** the `history` of the run: evaluations and chi-square after each accepted step.
     """
-    (before, higher), (after, lower) = course[-min(effort.slow_steps + 1, len(course))], course[-1]
+    (before, higher), (after, lower) = history[-min(effort.slow_steps + 1, len(history))], history[-1]
     return MESSAGES[Ending.SLOW_STEPS].format(spent=after - before, gained=higher - lower, advice=effort.advice)
 
 

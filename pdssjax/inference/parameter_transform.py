@@ -1,9 +1,8 @@
-"""The free parameters as a fit sees them: one number each, of order one.
+"""The transform of free parameters to the numbers of a fit, which are of order one.
 
-Each parameter has a scale of its own, on which it is a logarithm or a ratio to a typical size.  These are the numbers
-of the fit, but for a parameter that a constraint ties to another (`study.Link`): its number is the distance, on that
-scale, from where the constraint is an equality.  So the constraint is a bound at 0, and the scales are a matrix times
-the numbers of the fit.
+On its own scale each parameter is a logarithm or a ratio to a typical size.  The fit has these numbers, except where a
+constraint ties a parameter to another (`study.Link`): there it has the distance, on the own scale, from equality.  So
+the constraint is a bound at 0, and the numbers on the own scales are a matrix times those of the fit.
 """
 
 import dataclasses
@@ -23,7 +22,7 @@ Box = tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
 """Lower and upper bounds of the free numbers, on the fit's scale."""
 
 
-# These are plain pytrees: each look at a method of an `equinox.Module` takes 20 us, and a fit decodes at every point.
+# Plain pytrees: each access to a method of an `equinox.Module` takes 20 us, and a fit decodes at every point.
 @register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ties:
@@ -53,7 +52,7 @@ class ParameterTransform:
     high: Float[np.ndarray, " p"]
     """Bounds, on the fit's scale."""
     ties: Ties | None = None
-    """What constraints between free parameters make of the fit's numbers; None: each is that of its parameter."""
+    """The constraints between free parameters; None: the fit's numbers are those on the parameters' own scales."""
 
     def encode(self, values: Values) -> Float[np.ndarray, " p"]:
         """Values in SI to the fit's scale."""
@@ -103,8 +102,7 @@ class ParameterTransform:
         if self.ties is None:
             return matrix
         found = self.ties.mixing @ np.nan_to_num(matrix) @ self.ties.mixing.T
-        unknown = self.tied_to(np.isnan(np.diag(matrix)))
-        set_unknown(found, unknown)
+        set_unknown(found, self.tied_to(np.isnan(np.diag(matrix))))
         return found
 
     def in_si(self, own: Float[np.ndarray, "*many p"]) -> Float[np.ndarray, "*many p"]:
@@ -113,14 +111,13 @@ class ParameterTransform:
 
     def slope(self, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         """d value / d (number on its own scale) of each parameter."""
-        own = self.own(free)
-        return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, own, 0.0)), self.unit)
+        return np.where(self.logarithmic, self.in_si(self.own(free)), self.unit)
 
     def along(self, path: str) -> "ParameterTransform":
-        """The transform whose number of the parameter `path` is that on its own scale.
+        """The transform in which the number of the parameter `path` is that on its own scale.
 
-        Where it is tied to another, through others perhaps, the first of the chain gives way: its number is the
-        distance then.  Bounds of that one are not kept.
+        If the parameter is tied to another, directly or through others, the first of that chain has the distance for
+        its number instead, and its bounds are lost.
         """
         parents = {} if self.ties is None else {link.child: link.parent for link in self.ties.links}
         if self.ties is None or path not in parents:
@@ -182,15 +179,15 @@ def transform_of(
 
 
 _ROOM = 1.0
-"""How far a parameter may go from a constraint at least, on its own scale: a factor of e, or its size."""
+"""Least range of a parameter from a constraint, on its own scale: a factor of e, or its size."""
 
 
-def _tied(alone: ParameterTransform, links: Sequence[Link], begun: Float[np.ndarray, " p"]) -> ParameterTransform:
-    """The transform with the `links`; parameters begin at `begun` on their own scales.
+def _tied(alone: ParameterTransform, links: Sequence[Link], starts: Float[np.ndarray, " p"]) -> ParameterTransform:
+    """The transform with the `links`; parameters start at `starts` on their own scales.
 
-    A parameter that is tied goes as far from the constraint as its bounds let it where the other one begins.
+    A tied parameter may go as far from the constraint as its bounds allow with the other one at its start.
     """
-    mixing, shift = np.eye(begun.size), np.zeros(begun.size)
+    mixing, shift = np.eye(starts.size), np.zeros(starts.size)
     low, high = alone.low.copy(), alone.high.copy()
     for link in links:
         child, parent = alone.paths.index(link.child), alone.paths.index(link.parent)
@@ -200,7 +197,7 @@ def _tied(alone: ParameterTransform, links: Sequence[Link], begun: Float[np.ndar
             share, constant = link.factor * alone.unit[parent] / alone.unit[child], 0.0
         mixing[child] += share * mixing[parent]
         shift[child] = share * shift[parent] + constant
-        equal = share * begun[parent] + constant
+        equal = share * starts[parent] + constant
         if link.is_upper:
             low[child], high[child] = min(alone.low[child] - equal, -_ROOM), 0.0
         else:

@@ -1,8 +1,8 @@
-"""What is known of some parameters beside the samples of a fit: a Gaussian, whose errors may be correlated.
+"""A Gaussian prior on some parameters, whose errors may be correlated.
 
-It comes from numbers that were measured apart, each with its standard error, or from an earlier phase: a stack that was
-read off peaks, with the covariance of its logarithms.  With W'W the inverse of the covariance, a fit has the rows
-W (values - mean) as further residuals, and a linear model of it the rows W in its Jacobian.
+It comes from numbers measured apart, each with its standard error, or from a stack that was read off peaks, with the
+covariance of its logarithms.  With W'W the inverse of the covariance, a fit has further residuals W (values - mean),
+and its Jacobian further rows W.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ class Prior:
     mean: Float[np.ndarray, " k"] = dataclasses.field(default_factory=lambda: np.zeros(0))
     """In SI, or its logarithms."""
     whitening: Float[np.ndarray, "k k"] = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
-    """W, which makes errors independent of each other and 1 in size."""
+    """W, which turns errors into independent ones of standard deviation 1."""
 
     @staticmethod
     def measured_apart(parameters: Mapping[str, Parameter]) -> "Prior":
@@ -39,7 +39,7 @@ class Prior:
     def of_covariance(
         paths: Sequence[str], mean: Float[np.ndarray, " k"], covariance: Float[np.ndarray, "k k"]
     ) -> "Prior":
-        """The prior with such errors."""
+        """The prior whose errors have this covariance."""
         return Prior(tuple(paths), mean, np.linalg.inv(np.linalg.cholesky(covariance)))
 
     @property
@@ -56,9 +56,9 @@ class Prior:
         return jnp.asarray(self.whitening) @ (given - self.mean)
 
     def redrawn(self, deviations: Float[np.ndarray, " k"], random: np.random.Generator) -> "Prior":
-        """The prior by numbers measured anew, from which what has these `deviations` is off by chance alone."""
-        off = np.linalg.solve(self.whitening, deviations - random.standard_normal(len(self.paths)))
-        return dataclasses.replace(self, mean=self.mean + off)
+        """The prior by numbers measured anew, where the truth deviates from this prior's mean by `deviations`."""
+        shift = np.linalg.solve(self.whitening, deviations - random.standard_normal(len(self.paths)))
+        return dataclasses.replace(self, mean=self.mean + shift)
 
     def on_logarithms(self, paths: Sequence[str]) -> "Prior":
         """The prior on the logarithms of those parameters that are among the `paths`, for small relative errors."""
@@ -75,9 +75,9 @@ class Prior:
         return Prior.of_covariance(self.paths, np.linalg.lstsq(rows, target)[0], np.linalg.inv(rows.T @ rows))
 
     def rows(self, paths: Sequence[str]) -> Float[np.ndarray, "m p"]:
-        """W as rows of a Jacobian by the numbers at `paths`; what is not among them is not asked for.
+        """W as rows of a Jacobian by the numbers at `paths`, for the marginal prior on its parameters among these.
 
-        There is a row for each of this prior's parameters among the `paths`, in their order there.
+        There is a row for each of these parameters, in the order of the `paths`.
         """
         here = [place for place, path in enumerate(paths) if path in self.paths]
         which = [self.paths.index(paths[place]) for place in here]
@@ -87,5 +87,5 @@ class Prior:
 
 
 def is_by_chance(deviations: Float[np.ndarray, " k"]) -> bool:
-    """Whether errors of parameters, independent and in standard errors, are no more than chance makes of them."""
+    """Whether independent errors of parameters, in standard errors, are no larger than by chance."""
     return float(np.sum(deviations**2)) < deviations.size * highest_by_chance(deviations.size)

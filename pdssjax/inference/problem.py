@@ -25,7 +25,7 @@ from .losses.base import AbstractLoss
 from .parameter_transform import Box, transform_of
 from .prior import Prior
 from .residual import Evaluator, Residual
-from .solver.iterations import Linearised, OfFunction, Point
+from .solver.iterations import FunctionEvaluations, Linearised, Point
 from .solver.minimisers import Minimiser
 
 Watch: TypeAlias = Callable[["Problem", Bool[np.ndarray, " records"], Any], None]
@@ -90,33 +90,34 @@ class Problem:
         """Values by path [SI] on the fit's scale."""
         return self.residual.transform.encode(values)
 
-    def decode(self, free: Float[Array | np.ndarray, " p"]) -> dict[str, ScalarLike]:
+    def decode(self, free: Point) -> dict[str, ScalarLike]:
         """Values by path [SI] from the fit's scale."""
         return self.residual.transform.decode(free)
 
-    def whitened(self, free: Float[Array | np.ndarray, " p"]) -> Float[Array, " n"]:
+    def whitened(self, free: Point) -> Float[Array, " n"]:
         """Residuals of all records divided by their noise; compiled, differentiable.
 
         NaN where the simulation cannot finish.
         """
         return self.evaluations(self._weights()).values(free)[0]
 
-    def jacobian(self, free: Float[Array | np.ndarray, " p"]) -> Float[Array, "n p"]:
+    def jacobian(self, free: Point) -> Float[Array, "n p"]:
         """The Jacobian of `whitened`; compiled."""
         return self.linearised(free)[1]
 
-    def linearised(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+    def linearised(self, free: Point) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
         """`whitened` and `jacobian` at once, for the price of the second; compiled."""
         (whitened, _), (jacobian, _) = self.evaluations(self._weights()).linearised(free)
         return whitened, jacobian
 
-    def evaluations(self, weights: Float[Array | np.ndarray, " records"]) -> "OfFunction | _OfStudy":
-        """Residuals and Jacobian as what is compiled, with `weights` (1/noise) of the records, 0 to leave one out."""
-        evaluator = self._evaluator
-        return OfFunction(self.residual, weights) if evaluator is None else _OfStudy(self.residual, weights, evaluator)
+    def evaluations(self, weights: Float[Array | np.ndarray, " records"]) -> "FunctionEvaluations | _StudyEvaluations":
+        """Compiled residuals and Jacobian, with `weights` (1/noise) of the records, 0 to leave one out."""
+        if (evaluator := self._evaluator) is None:
+            return FunctionEvaluations(self.residual, weights)
+        return _StudyEvaluations(self.residual, weights, evaluator)
 
     def motions(self, values: Values) -> list[Float[np.ndarray, " samples"]]:
-        """What every record of the study measures with the parameters `values` [SI], by what a fit compiles.
+        """Predict all records of the study by the parameters `values` [SI], with the compiled function of a fit.
 
         **Raises** `ValueError` for a problem of your own, which knows no study.
         """
@@ -146,14 +147,14 @@ def linearised_residual(
     residual: Residual, weights: Float[Array | np.ndarray, " records"], free: Point
 ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
     """Whitened residuals and their Jacobian, for what is compiled with them."""
-    (whitened, _), (jacobian, _) = OfFunction(residual, weights).linearised(free)
+    (whitened, _), (jacobian, _) = FunctionEvaluations(residual, weights).linearised(free)
     return whitened, jacobian
 
 
-class _OfStudy(NamedTuple):
-    """The evaluations of a study's residual, by what predicts all its records and is compiled once, whatever is fitted.
+class _StudyEvaluations(NamedTuple):
+    """The evaluations of a study's residual by one compiled function that predicts all its records.
 
-    What is compiled together with its caller is the residual itself, without the other records.
+    Traced evaluations, which compile together with their caller, predict the fitted records alone.
     """
 
     residual: Residual
@@ -168,7 +169,7 @@ class _OfStudy(NamedTuple):
 
     def linearised(self, point: Point) -> Linearised:
         if self._is_traced(point):
-            return OfFunction(self.residual, self.weights).linearised(point)
+            return FunctionEvaluations(self.residual, self.weights).linearised(point)
         directions = self.residual.transform.directions(np.asarray(point))
         found = self.evaluator([self.residual.values(point)], self.weights, self._used(), directions)
         return (found.residual, found.offsets), (found.jacobian, found.offsets_jacobian)
@@ -183,7 +184,7 @@ class _OfStudy(NamedTuple):
 
 
 SHORTEST = 1e-9
-"""Least duration of a flank whose length is free [s]: as good as a jump."""
+"""Least duration of a free flank [s], which the records cannot tell from a jump."""
 
 
 def _bounded_parameters(study: Study) -> dict[str, Parameter]:
@@ -205,11 +206,11 @@ def _bounded_parameters(study: Study) -> dict[str, Parameter]:
 
 
 def determinable_ranges(study: Study) -> dict[str, DeterminableRange]:
-    """Find the range in which the fitted records can determine each free parameter, by path; of some there is none.
+    """Find the range in which the fitted records can determine each free parameter, by path, where there is one.
 
-    An element of creep that is quicker than the samples takes over the gain, one that takes much longer than the
-    records is a drift of whose size and time the records show the quotient only.  An element of hysteresis that slips
-    within the flicker of the voltage takes over the gain, too.  A start that the study gives lies within.
+    An element of creep that is quicker than the samples takes over the gain.  Of one that takes much longer than the
+    records these show only the quotient of size and time.  An element of hysteresis that slips within the flicker of
+    the voltage takes over the gain, too.  The range is widened to hold a start that the study gives.
     """
     driven = [record for record in study.records if record.role == "fit" and record.drive is not None]
     if not driven:

@@ -1,11 +1,10 @@
 """Checks of the records before a fit: samples listed twice, and sensors that count the other way.
 
-A study would fit samples twice where a file has two names, a record is listed twice, or windows overlap.  The same
-errors then pass for two measurements, and standard errors come out too small, by up to the root of two.  Samples are
-compared, not names; two runs that only resemble each other differ in their noise.
+A study fits samples twice where a file has two names, a record is listed twice, or windows overlap.  Standard errors
+are then too small by up to the root of two.  Samples are compared, not names; two similar runs differ in their noise.
 
-A platform follows the voltage, an end-effector late on the slow flanks of its drive; where one goes the other way, the
-sensor counts the other way, or the drive's direction is the other one.
+A platform follows the voltage, and so does an end-effector late on the slow flanks.  Where one moves against it, the
+sensor counts the other way, or the drive has the other direction.
 """
 
 import itertools
@@ -21,7 +20,7 @@ from ..study import Record
 from .initial_values.record_features import voltages
 
 _FEWEST = 16
-"""Equal samples, all that two records have in common, from which they are the same and not so by chance."""
+"""Fewest common samples, all equal, for two records to be the same and not so by chance."""
 
 
 def check_measured_once(records: Sequence[Record], where: object) -> None:
@@ -41,9 +40,9 @@ def check_measured_once(records: Sequence[Record], where: object) -> None:
 
 
 def _count_shared(earlier: Record, later: Record) -> int:
-    """How many samples two records have in common; 0 where they differ in any that could be."""
+    """Number of samples that two records have in common; 0 where any sample at a common time differs."""
     if earlier.time.size == later.time.size and _equal(earlier.measured, later.measured):
-        # Also where the clock of a copy was set anew.
+        # The clock of a copy may have been reset.
         return _count_informative(earlier.measured)
     # On the clocks of the files, each up to a rounding.
     interval = float(np.median(np.diff(earlier.time))) if earlier.time.size > 1 else 1.0
@@ -79,12 +78,12 @@ def about_signs(records: Sequence[Record]) -> list[str]:
 
 
 def _reversed_sign(record: Record) -> str | None:
-    """What is wrong with a record that moves against its drive; None where it does not, or nothing tells."""
+    """The fault of a record that moves against its drive; None where it does not, or where that cannot be told."""
     drive, alone = record.drive, record.measurement.platform_alone
     if drive is None or record.measurement.unit != "m" or record.time.size < 8:
         return None
     frequency, has_flanks = drive.cycle_frequency(), drive.flanks() is not None
-    # The platform may lag behind a wave, of which the voltage does not say which way it goes.
+    # The lag of a platform behind a periodic voltage without flanks hides the sign of its motion.
     if not has_flanks and not (alone and frequency is None):
         return None
     samples = record.time, record.measured, voltages(record)

@@ -1,9 +1,8 @@
 """Measured minus predicted, whitened by the noise, stacked over the records fitted.
 
-A record's free offset enters linearly, and the best one is the mean of what is left.  It is
-taken out here (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numerical Analysis
-10(2), 1973), so that the fit never sees it; the Jacobian, and with it every covariance of
-the other parameters, is that of the fit with the offsets free.
+A record's free offset enters linearly; the best one is the mean of the difference.  It is projected out (variable
+projection: G. H. Golub and V. Pereyra, SIAM J. Numerical Analysis 10(2), 1973).  The Jacobian, and with it every
+covariance of the other parameters, is that of the fit with the offsets free.
 """
 
 import dataclasses
@@ -48,7 +47,7 @@ class Comparison(eqx.Module):
 
     @property
     def size(self) -> int:
-        """How many residuals there are: samples of all records, then what was measured apart."""
+        """Number of residuals: samples of all records, then numbers measured apart."""
         return sum(measured.size for measured in self.measured) + len(self.prior.paths)
 
     def __call__(
@@ -59,9 +58,9 @@ class Comparison(eqx.Module):
     ) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
         """Stacked residuals, under a robust loss their roots (`losses.base`), and each record's offset, in its unit.
 
-        After the samples comes how far each parameter that was measured apart is from that, in standard errors.
-        `weights` are 1/noise [1/m] of the records, 0 to leave one out: its residuals are 0, and its offset says
-        nothing.  Where all samples of a record are held out its residuals are 0, and its offset is that of all of them.
+        The deviations of parameters from their numbers measured apart follow the samples, in standard errors.
+        `weights` are 1/noise [1/m] of the records, 0 to leave one out: its residuals are 0, and its offset is
+        meaningless.  A record with all samples held out has residuals of 0, and the offset by all samples.
         """
         parts, offsets = self.by_record(predicted, values, weights)
         return jnp.concatenate(parts), jnp.stack(offsets)
@@ -72,7 +71,7 @@ class Comparison(eqx.Module):
         values: Values,
         weights: Float[Array | np.ndarray, " records"],
     ) -> tuple[list[Float[Array, " samples"]], list[Scalar]]:
-        """The residuals and the offset of each record; what was measured apart is the last of the residuals."""
+        """The residuals and the offset of each record; the last residuals are of the numbers measured apart."""
         parts, zeros = [], []
         for i, (measured, motion, offset) in enumerate(zip(self.measured, predicted, self.offsets, strict=True)):
             difference = jnp.asarray(measured - motion)
@@ -98,7 +97,7 @@ class Evaluated(NamedTuple):
 
 
 TOGETHER = 16
-"""Points that one call takes at most: what a call takes besides what it computes is a third of an evaluation."""
+"""Largest number of points of one call, since the overhead of a call is a third of an evaluation."""
 
 
 @register_dataclass
@@ -125,11 +124,11 @@ class Evaluator:
         used: Bool[np.ndarray, " all_records"] | None = None,
         directions: Float[np.ndarray, "p p"] | None = None,
     ) -> Evaluated:
-        """What all parameters have at the last of these `points` [SI], numbers by path; compiled.
+        """Evaluate the `points`, each with the numbers [SI] of all parameters by path; compiled.
 
-        **Arguments:** one point or more, up to `TOGETHER`; `weights` are 1/noise of the fitted records; those records
-        are predicted that are `used`, by default all.  Derivatives are taken by p numbers, of which each moves the free
-        parameters along a column of `directions`; None: none are taken.
+        **Arguments:** one point or more, up to `TOGETHER`; `weights` are 1/noise of the fitted records; only `used`
+        records are predicted, by default all.  Derivatives are by p numbers, each of which moves the free parameters
+        along a column of `directions`; None: no derivatives.
         """
         paths, free = self.paths, len(self.free)
         numbers = np.zeros((TOGETHER, len(paths)))
@@ -175,7 +174,7 @@ def _evaluated(
         return jax.jvp(compared, (fitted, priors), (fitted_dot, prior_values(direction)))[1]
 
     def with_slopes() -> tuple[Float[Array, "n p"], Float[Array, "records p"]]:
-        # Put together after vmap, or XLA would turn the Jacobian round, wanted or not.
+        # Concatenated after vmap, or XLA would transpose the Jacobian.
         slopes = predictor.slopes(memory)
         fitted_slopes = [slopes[place] for place in of.places]
         parts, zeros = jax.vmap(along, in_axes=(-1, 0), out_axes=-1)(fitted_slopes, moving)
@@ -245,7 +244,7 @@ def free_offset(
     loss: AbstractLoss,
     noise: float,
 ) -> float:
-    """The record's zero, in its unit: given, or where the `loss` of what the prediction leaves is least."""
+    """The record's zero, in its unit: the one given, or that of the least `loss` of the residuals."""
     if given is not None:
         return given
     difference = measured - predicted

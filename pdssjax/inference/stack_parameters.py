@@ -8,8 +8,8 @@ from jaxtyping import Bool
 from ..study import Record, split_path
 from .problem import Problem
 
-_SHOWN = "piezo.", "amplifier.", "sensor."
-"""The stack, what drives it, and what looks at it."""
+_PREFIXES = "piezo.", "amplifier.", "sensor."
+"""Beginnings of the paths of the stack, its amplifier and its sensor."""
 
 
 def platform_alone_records(records: Sequence[Record]) -> Bool[np.ndarray, " records"]:
@@ -20,7 +20,7 @@ def platform_alone_records(records: Sequence[Record]) -> Bool[np.ndarray, " reco
 def stack_parameters(problem: Problem) -> Bool[np.ndarray, " p"]:
     """Which free parameters the first of two steps fits: the piezo's, and those of records of the platform alone.
 
-    But not what holds of the piezo in other records only, which the platform's do not show.
+    Piezo parameters that hold only in other records are excepted.
     """
     first = lambda path: path.startswith("piezo.") and shown_by_platform(path, problem)
     paths, records = problem.residual.transform.paths, problem.records
@@ -36,12 +36,12 @@ def stack_residuals(problem: Problem) -> Bool[np.ndarray, " n"]:
 
 
 def shown_by_platform(path: str, problem: Problem) -> bool:
-    """Whether records of the platform alone show a parameter: the stack's, or that of what drives or looks at it."""
+    """Whether records of the platform alone show a parameter: the stack's, its amplifier's or its sensor's."""
     _, condition = split_path(path)
     if not condition:
-        return path.startswith(_SHOWN)
+        return path.startswith(_PREFIXES)
     here = [record for record in problem.records if condition in record.conditions]
-    return _of_its_records(path, here) or (path.startswith(_SHOWN) and bool(platform_alone_records(here).any()))
+    return _of_its_records(path, here) or (path.startswith(_PREFIXES) and bool(platform_alone_records(here).any()))
 
 
 def platform_parameters(problem: Problem) -> Bool[np.ndarray, " p"]:

@@ -1,8 +1,8 @@
-"""Parameters that records of steady sines cannot separate: a sine tells gain and phase at its frequency, two numbers.
+"""Parameters that records of steady sines cannot separate: a sine shows two numbers, gain and phase at its frequency.
 
-A stack's natural frequency, damping ratio and hysteresis all turn the phase.  Where records have fewer frequencies than
-these need, a fit separates them by the shape of the loops, which is that of the law assumed and not of the stack: it
-ended at 71 rad/s for 39 rad/s with an error of 0.24 %.  What follows the onset of a drive tells them all the same.
+A stack's natural frequency, damping ratio and hysteresis all change the phase.  With too few frequencies a fit
+separates them by the shape of the loops, which is that of the assumed law: one ended at 71 rad/s for 39 rad/s, with an
+error of 0.24 %.  The transient after the onset of a drive may still determine them.
 """
 
 import math
@@ -18,19 +18,19 @@ from .evidence import Evidence
 from .initial_values.record_features import frequency_of, voltages
 
 _SINE = 0.01
-"""Root mean square, over the amplitude, that a sine leaves of a voltage that is one."""
+"""Largest rms residual of a sine in a voltage that counts as one, as a fraction of the amplitude."""
 
 ELECTRONICS = ("sensor.bandwidth", "sensor.delay", "amplifier.bandwidth")
-"""Parameters that turn the phase, too."""
+"""Other parameters that change the phase."""
 
 
-class Inseparable(NamedTuple):
+class InseparableParameters(NamedTuple):
     """Parameters that steady sines do not tell apart."""
 
     paths: tuple[str, ...]
-    """Paths of the parameters that turn the phase, and are not determined by the onset of a drive."""
+    """Paths of the parameters that change the phase, and are not determined by the onset of a drive."""
     beside: tuple[str, ...]
-    """What else the same numbers have to tell, in words."""
+    """Other unknowns that gains and phases must determine, in words."""
     records: tuple[str, ...]
     """Names of the records."""
     frequencies: tuple[float, ...]
@@ -44,11 +44,11 @@ class _Sine(NamedTuple):
     """[V]"""
 
 
-def inseparable(evidence: Evidence) -> Inseparable | None:
-    """Which parameters of a fit its records cannot tell apart, being steady sines; None where they can."""
+def inseparable(evidence: Evidence) -> InseparableParameters | None:
+    """The parameters of a fit that its records cannot tell apart if all are steady sines; None where they can."""
     problem = evidence.problem
-    known = [sine for record in problem.records if (sine := _sine(record)) is not None]
-    if len(known) < len(problem.records) or not known or not np.isfinite(evidence.fit.chi2):
+    sines = [sine for record in problem.records if (sine := _sine(record)) is not None]
+    if len(sines) < len(problem.records) or not sines or not np.isfinite(evidence.fit.chi2):
         return None
     piezo = problem.residual.predictor.models.piezo
     free = problem.residual.transform.paths
@@ -56,17 +56,16 @@ def inseparable(evidence: Evidence) -> Inseparable | None:
     turns = {*ELECTRONICS, *(f"piezo.{name}" for name in piezo.mechanical)}
     turning = [path for path, name in zip(free, bare, strict=True) if name in turns]
     lossy = any(name.removeprefix("piezo.") in piezo.hysteretic for name in bare if name.startswith("piezo."))
-    frequencies = _distinct([sine.frequency for sine in known])
+    frequencies = _distinct([sine.frequency for sine in sines])
     # Loops of several sizes at one frequency tell hysteresis, which depends on the size, from damping.
-    several = len(known) > len(frequencies) and len(_distinct([sine.amplitude for sine in known])) > 1
+    several = len(sines) > len(frequencies) and len(_distinct([sine.amplitude for sine in sines])) > 1
     beside = ["piezo.gain"] * ("piezo.gain" in bare) + ["hysteresis"] * (lossy and not several)
     if len(turning) + len(beside) <= 2 * len(frequencies):
         return None
-    determined = _determined_by_onset(evidence, [sine.frequency for sine in known])
-    left = tuple(path for path in turning if path not in determined)
-    if not left:
-        return None
-    return Inseparable(left, tuple(beside), tuple(record.name for record in problem.records), tuple(frequencies))
+    determined = _determined_by_onset(evidence, [sine.frequency for sine in sines])
+    paths = tuple(path for path in turning if path not in determined)
+    names = tuple(record.name for record in problem.records)
+    return InseparableParameters(paths, tuple(beside), names, tuple(frequencies)) if paths else None
 
 
 def _sine(record: Record) -> _Sine | None:
@@ -101,29 +100,29 @@ def steady_sine(time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], f
 
 
 def _distinct(numbers: Sequence[float]) -> list[float]:
-    """The numbers, those that are another to a per cent left out."""
-    kept: list[float] = []
+    """The ascending numbers that differ by more than a per cent."""
+    distinct: list[float] = []
     for number in sorted(numbers):
-        if not kept or number > 1.01 * kept[-1]:
-            kept.append(number)
-    return kept
+        if not distinct or number > 1.01 * distinct[-1]:
+            distinct.append(number)
+    return distinct
 
 
 def _determined_by_onset(evidence: Evidence, frequencies: Sequence[float]) -> set[str]:
-    """Paths of the free parameters that what is not steady, the onset of a drive, determines to ten per cent."""
+    """Paths of the free parameters that the transient after the onset of a drive determines to ten per cent."""
     problem, jacobian = evidence.problem, np.asarray(evidence.fit.state.jacobian)
     if not np.isfinite(jacobian).all():
         return set()
     rest = jacobian.copy()
     for record, rows, frequency in zip(problem.records, problem.rows, frequencies, strict=True):
-        # Without what repeats every cycle: harmonics of the drive, as many as the samples show.
+        # Without the harmonics of the drive, as many as the samples show.
         time = record.time
         cycle = 1.0 / (frequency * float(np.median(np.diff(time))))
         harmonics = np.arange(1, int(min(60, 0.45 * cycle, time.size // 6)) + 1)
         angle = 2.0 * np.pi * frequency * np.outer(time - time[0], harmonics)
         base = np.column_stack([np.ones(time.size), np.cos(angle), np.sin(angle)])
         rest[rows] -= base @ np.linalg.lstsq(base, jacobian[rows], rcond=None)[0]
-    # What rounding leaves of a column tells nothing.
+    # A column that is rounding only has no information.
     rest[:, np.linalg.norm(rest, axis=0) < 1e-9 * np.linalg.norm(jacobian, axis=0)] = 0.0
     transform = problem.residual.transform
     known = least_squares_covariance(rest, transform.at_bound(evidence.fit.free))

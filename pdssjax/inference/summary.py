@@ -71,19 +71,19 @@ WEAKLY_DETERMINED = float(np.log(10.0))
 def summarise(
     study: Study, method: Method, evidence: Evidence, starts: Mapping[str, float], stack: PickedStack | None = None
 ) -> Estimate:
-    """The estimate that the fit of a `study` amounts to, by its `evidence`; `seconds` is left at 0.
+    """The estimate by the `evidence` of a fit of a `study`; `seconds` is left at 0.
 
-    With a `stack` from peaks its covariance is the first step's.
+    A `stack` read off peaks is the first of two steps, whose covariance is that of the readings.
     """
     problem, fit = evidence.problem, evidence.fit
     free, loss = problem.residual.transform, problem.residual.loss
     values = {path: float(value) for path, value in {**starts, **free.decode(fit.free)}.items()}
     errors, mixed = standard_errors_of(method, evidence, stack), inseparable(evidence)
-    factor, known = errors.factor, errors.known
-    with np.errstate(invalid="ignore"):  # rounding may leave less than nothing of a variance: unknown
+    factor, known = errors.factor, errors.covariance
+    with np.errstate(invalid="ignore"):  # rounding may make a variance negative: the error is unknown then
         deviation = np.sqrt(np.diag(free.own_covariance(known.matrix)))
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
-    # Nor has what constraints tie to a parameter without information, or what steady sines mix.
+    # Parameters tied to one without information, or mixed by steady sines, have no error either.
     tied_to_unknown = known.identifiable & np.isnan(deviation)
     silent = weakly_determined | tied_to_unknown | free.among(() if mixed is None else mixed.paths)
     known, deviation = known._replace(identifiable=known.identifiable & ~silent), np.where(silent, np.nan, deviation)
@@ -91,7 +91,7 @@ def summarise(
     parameters = _parameters(study, evidence, values, starts, errors, known.identifiable, deviation)
     records = _beside_predictions(study, evidence, known.matrix, values, factor)
     diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
-    if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
+    if diagnosis and stack is not None:  # records of peaks are not fitted, and contradict where peaks were misread
         diagnosis = dataclasses.replace(diagnosis, agreement=())
     # The errors of a fit in two steps, or under a robust loss, are not those of least squares.
     alone = method == "joint" and not loss.is_robust
@@ -173,34 +173,35 @@ def _parameters(
     naive = None if errors.naive is None else np.sqrt(np.diag(free.own_covariance(errors.naive))) * slopes
     out = {}
     for path, p in declared.items():
-        i = free.paths.index(path) if path in free.paths else None
-        error = math.nan if i is None else float(deviation[i] * slopes[i])
-        known = i is None or bool(identifiable[i] or held[i])
-        out[path] = FittedParameter(
+        fixed = FittedParameter(
             path=path,
             value=values[path],
-            standard_error=error,
+            standard_error=math.nan,
             interval=(math.nan, math.nan),
             unit=p.unit,
             free=False,
             start=None,
             at_bound=False,
-            identifiable=known,
+            identifiable=True,
         )
-        if i is None:
+        if path not in free.paths:
+            out[path] = fixed
             continue
-        pull = None
+        i, pull = free.paths.index(path), None
+        error, known = float(deviation[i] * slopes[i]), bool(identifiable[i] or held[i])
         if p.measured_apart is not None:
-            variance = math.nan if held[i] else error**2  # at a bound it is not where chance would have it
+            variance = math.nan if held[i] else error**2  # a bound moves the estimate off where chance would leave it
             covariance = float(slopes[i] ** 2 * errors.cov_with_prior[i])
             pull = measurement_with_pull(p.measured_apart, values[path], variance, covariance)
         out[path] = dataclasses.replace(
-            out[path],
+            fixed,
+            standard_error=error,
+            interval=intervals[path],
             free=True,
             start=starts[path],
             at_bound=bool(held[i]),
+            identifiable=known,
             naive_standard_error=float(naive[i]) if naive is not None and known else None,
-            interval=intervals[path],
             degrees_of_freedom=float(errors.freedom[i]),
             bounds=bounds[path],
             measured_apart=pull,
@@ -213,10 +214,10 @@ def _beside_predictions(
 ) -> tuple[FittedRecord, ...]:
     """Every record beside its prediction, each with its own zero."""
     problem, fit, loss = evidence.problem, evidence.fit, evidence.problem.residual.loss
-    slopes, taken = np.asarray(fit.state.aux_jacobian), evidence.degrees_taken
+    slopes, effective = np.asarray(fit.state.aux_jacobian), evidence.effective_parameters
     # Standard deviations of residuals over their noise, as the errors of parameters take them.
     if loss.is_robust:
-        parts = zip(by_record(problem, fit), taken, strict=True)
+        parts = zip(by_record(problem, fit), effective, strict=True)
         scatter = [loss.scatter(part, part.size - degrees) for part, degrees in parts]
     else:
         scatter = np.sqrt(record_factors(problem, factor))
@@ -239,7 +240,7 @@ def _beside_predictions(
                 noise=noise,
                 offset=offset,
                 offset_standard_error=error,
-                parameters=0.0 if i is None else float(taken[i]) - (record.offset is None),
+                parameters=0.0 if i is None else float(effective[i]) - (record.offset is None),
                 undisturbed=rest,
             )
         )

@@ -36,7 +36,7 @@ _EVALUATIONS = 30
 """Largest number of evaluations in each round."""
 
 
-class Missed(NamedTuple):
+class MissedRecord(NamedTuple):
     """A record that was not fitted and is not predicted down to its noise."""
 
     record: FittedRecord
@@ -47,7 +47,7 @@ class Missed(NamedTuple):
 
 def missed_records(
     study: Study, problem: Problem, free: Float[np.ndarray, " p"], covariance: Float[np.ndarray, "p p"]
-) -> tuple[Missed, ...]:
+) -> tuple[MissedRecord, ...]:
     """The records that were not fitted and leave more than noise, also where parameters move within their errors.
 
     **Arguments:** the point `free` that the fit ended at, without samples that stand out, and the `covariance` on the
@@ -59,21 +59,17 @@ def missed_records(
     hold = {r.name: declared & {*paths_in(study.parameters, r.conditions).values()} for r in study.records}
     fitted = {path for record in study.records if record.role == "fit" for path in hold[record.name]}
     unknown = {r.name: tuple(sorted(hold[r.name] - fitted)) for r in study.records if r.role != "fit"}
-    every = [
-        _compare_at(record, motion, loss)
-        for record, motion in zip(study.records, motions, strict=True)
-        if record.role != "fit"
-    ]
-    local = [Missed(found, unknown[found.name]) for found in every if unknown[found.name] and exceeds_noise(found)]
-    judged = [found for found in every if not unknown[found.name]]
+    unfitted = [(r, motion) for r, motion in zip(study.records, motions, strict=True) if r.role != "fit"]
+    local = [_compare_at(record, motion, loss) for record, motion in unfitted if unknown[record.name]]
+    judged = [_compare_at(record, motion, loss) for record, motion in unfitted if not unknown[record.name]]
     if any(map(exceeds_noise, judged)):
-        records = tuple(r for r in study.records if r.role != "fit" and not unknown[r.name])
+        records = tuple(record for record, _ in unfitted if not unknown[record.name])
         judged = _within_errors(records, judged, study, problem, free, covariance)
-    return (*(Missed(found, ()) for found in judged if exceeds_noise(found)), *local)
+    return tuple(MissedRecord(found, unknown[found.name]) for found in (*judged, *local) if exceeds_noise(found))
 
 
-def is_refuted(missed: Sequence[Missed]) -> bool:
-    """Records that know no parameters but the fit's are `missed`: the model or the optimum does not carry over."""
+def is_refuted(missed: Sequence[MissedRecord]) -> bool:
+    """Whether a record without parameters of its own is `missed`: the model or the optimum does not carry over."""
     return any(not record.unknown for record in missed)
 
 

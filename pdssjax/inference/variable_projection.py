@@ -5,8 +5,8 @@ bounds, and what is minimised is ||r(a, x(a))||^2 over a alone.  Of its Jacobian
 of A is left out (L. Kaufman, BIT 15, 1975, on G. H. Golub and V. Pereyra, SIAM J. Numerical Analysis 10(2),
 1973), which leaves Gauss-Newton steps good to first order; columns of x at a bound do not span.
 
-It finds where the fit of all parameters begins: that fit then has little to do but to tell that it
-is an optimum, and its covariance is that of all parameters.
+The result is the start of the fit of all parameters, which then only has to confirm the optimum, and
+gives the covariance of all parameters.
 """
 
 import itertools
@@ -27,10 +27,10 @@ from .solver.iterations import Linearised, Point, Run, begin, iterates
 from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
 
 FEWEST_LINEAR = 2
-"""Linear parameters from which on projecting them out is worth it."""
+"""Fewest linear parameters that are worth projecting out."""
 
 _DAMPING = 1e-12
-"""Damping of the linear parameters, in columns of unit norm: only leaves out what the data do not tell."""
+"""Damping of the linear parameters, in columns of unit norm: it only leaves out directions without information."""
 
 _FACTORS = (5.0, 2.0)
 """Factors by which positive parameters are tried larger and smaller before any step."""
@@ -53,10 +53,10 @@ class Projected(NamedTuple):
 
 
 def linear_parameters(problem: Problem, used: Bool[np.ndarray, " records"]) -> Bool[np.ndarray, " p"]:
-    """Which free parameters the `used` records' residuals are linear in, all together, on the fit's scale.
+    """Which free parameters the residuals of the `used` records are jointly linear in, on the fit's scale.
 
-    Those of the stack that say so, where every record shows the platform alone, friction does not act back on
-    it, and squares are minimised; else none.
+    These are the stack's parameters declared linear, where every record shows the platform alone, friction does not act
+    back on it, and squares are minimised; else none.
     """
     transform, models = problem.residual.transform, problem.residual.predictor.models
     alone = all(record.measurement.platform_alone for record, use in zip(problem.records, used, strict=True) if use)

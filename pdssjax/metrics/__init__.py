@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from .coloured_noise import (
         NoiseInTime as NoiseInTime,
         StationaryNoise as StationaryNoise,
+        fit_noise as fit_noise,
         grid_positions as grid_positions,
-        noise_at as noise_at,
         noise_in_time as noise_in_time,
         sample_autocovariance as sample_autocovariance,
         stationary_noise as stationary_noise,
@@ -63,11 +63,11 @@ if TYPE_CHECKING:
     from .sample_filters import (
         decimated as decimated,
         integrated as integrated,
-        rest_of as rest_of,
         smoothed as smoothed,
+        velocity_zero as velocity_zero,
     )
     from .sensor_samples import (
-        clipped as clipped,
+        clipped_counts as clipped_counts,
         counts_without_noise as counts_without_noise,
         describe_hold as describe_hold,
         flicker_of as flicker_of,

@@ -34,8 +34,6 @@ def effective_size(draws: Float[np.ndarray, "chains draws"]) -> float:
 def effective_size_of_tails(draws: Float[np.ndarray, "chains draws"]) -> float:
     """The smaller effective sample size of the 5 % and the 95 % quantile; NaN as for `rhat`."""
     halves = _halves(draws)
-    if not np.ptp(halves) > 0.0:
-        return float("nan")
     return min(_effective((halves <= np.quantile(draws, tail)).astype(float)) for tail in TAILS)
 
 

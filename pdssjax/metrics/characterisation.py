@@ -28,7 +28,7 @@ from .sensor_samples import Samples
 SI_UNITS = {"displacement": "m", "force": "N"}
 
 LEAST_SHARPNESS = 0.5
-"""A slip of which less than this share happens within a tenth of the period is mentioned."""
+"""Share of a slip within a tenth of the period below which a warning says that there is no fast flank."""
 
 _METRICS = {
     "displacement": {"stroke": "m", "back_slip": "m", "net_step": "m", "efficiency": "", "speed": "m/s", "noise": "m"},
@@ -51,7 +51,7 @@ class Summary:
 
 @dataclass(frozen=True, eq=False)
 class Characterisation:
-    """Performance of an actuator by one record; SI units, positive along the slow flank."""
+    """Performance of an actuator in one record; SI units, positive along the slow flank."""
 
     file: Path
     measures: str
@@ -63,9 +63,9 @@ class Characterisation:
     values: Samples
     """The samples as they were measured, their sign kept [m or N]."""
     given: bool
-    """The frequency was given and not found."""
+    """Whether the frequency was given, not found in the record."""
     slip_duration: float
-    """Given: how long a slip takes [s]."""
+    """Duration of a slip as given [s]."""
     cycles: Cycles
     metrics: dict[str, Float[np.ndarray, " cycles"]]
     """By name, one entry a cycle: the fields of `CycleMetrics` or of `ForceMetrics`."""
@@ -122,7 +122,7 @@ def characterisation_of(
     before, after = _turning_points(times, sign * values, cycles, slip_duration)
     shared, summarised = {}, metrics
     if measures == "displacement":
-        e = 0.0 if frequency is not None else cycles.seen_error / cycles.seen
+        e = 0.0 if frequency is not None else cycles.slip_frequency_error / cycles.slip_frequency
         stroke, back, efficiency = (
             abs(float(np.mean(metrics[name]))) for name in ("stroke", "back_slip", "efficiency")
         )
@@ -150,7 +150,7 @@ def characterisation_of(
 def _summaries(
     metrics: dict[str, Float[np.ndarray, " cycles"]], units: dict[str, str], shared: dict[str, float]
 ) -> dict[str, Summary]:
-    """Summaries of metrics; of some with an error that all cycles `shared`."""
+    """Summaries of metrics, with the errors `shared` by all cycles added."""
     out = {}
     for name, values in metrics.items():
         deviation = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
@@ -184,13 +184,13 @@ def _warn(found: Characterisation, where: str) -> None:
         say("found no fast flank: the motion looks more like a sine than like stick and slip.")
     if cycles.count == 1:
         say("found one complete cycle only, so that nothing is known of its scatter.")
-    off = abs(cycles.seen - cycles.frequency)
-    if found.given and off > 3 * cycles.seen_error and off > 1e-3 * cycles.frequency:
-        say(f"the slips come at {cycles.seen:.5g} Hz, while {cycles.frequency:.5g} Hz was given.")
+    off = abs(cycles.slip_frequency - cycles.frequency)
+    if found.given and off > 3 * cycles.slip_frequency_error and off > 1e-3 * cycles.frequency:
+        say(f"the slips come at {cycles.slip_frequency:.5g} Hz, while {cycles.frequency:.5g} Hz was given.")
 
 
 def _sharpness(found: Characterisation) -> float:
-    """How much of the slip, as the lines through the slow flanks have it, happens within a tenth of a period."""
+    """Share of the slip, as given by the lines through the slow flanks, that happens within a tenth of a period."""
     if found.measures == "force" or found.cycles.count < 2:
         return 1.0
     cycles, stroke, back = found.cycles, found.metrics["stroke"][:-1], found.metrics["back_slip"][:-1]

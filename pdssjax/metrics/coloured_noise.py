@@ -90,22 +90,22 @@ def grid_positions(time: Samples) -> Int[np.ndarray, " n"] | None:
 
 
 def sample_autocovariance(values: Samples, positions: Int[np.ndarray, " n"], lags: int) -> Float[np.ndarray, " lags"]:
-    """Mean product of `values` so many places apart, about zero; NaN is left out.  Several may share a place.
+    """Mean product of `values` at each lag, about zero; NaN is left out.  Several values may share a position.
 
     Weighted by 1 - lag/length as is usual, which makes it positive definite where nothing is missing.
     """
-    there = np.isfinite(values)
-    if not there.any():
+    finite = np.isfinite(values)
+    if not finite.any():
         return np.zeros(lags)
     length = int(positions[-1]) + 1
     grid, seen = np.zeros(length), np.zeros(length)
-    np.add.at(grid, positions[there], values[there])
-    np.add.at(seen, positions[there], 1.0)
+    np.add.at(grid, positions[finite], values[finite])
+    np.add.at(seen, positions[finite], 1.0)
     size = _quick_size(length)
     products, pairs = (np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size) for x in (grid, seen))
     apart = np.arange(min(lags, length))
     mean = np.where(pairs[apart] > 0.5, products[apart] / np.maximum(pairs[apart], 1.0), 0.0)
-    mean[0] = np.mean(values[there] ** 2)
+    mean[0] = np.mean(values[finite] ** 2)
     return np.pad(mean * (1.0 - apart / length), (0, lags - apart.size))
 
 
@@ -117,11 +117,11 @@ def stationary_noise(
     **Arguments:** `freedom`, the degrees of freedom that a fit has left of the samples: variances grow by their ratio;
     `max_order`, the highest order looked at.
     """
-    there = np.isfinite(values)
-    samples = int(np.sum(there))
+    finite = np.isfinite(values)
+    samples = int(np.sum(finite))
     max_order = max(min(max_order, int(10.0 * np.log10(max(samples, 2))), samples // 8), 0)
     # With scattered gaps autocovariances are not positive definite, and high orders follow their errors.
-    if np.sum(np.diff(positions[there]) == 1) < 0.9 * samples:
+    if np.sum(np.diff(positions[finite]) == 1) < 0.9 * samples:
         max_order = min(max_order, 1)
     c = sample_autocovariance(values, positions, max_order + 1) * samples / max(freedom, 1.0)
     if c[0] <= 0.0:
@@ -215,7 +215,7 @@ class NoiseInTime(NamedTuple):
         blocks = [slice(begin, begin + _BLOCK) for begin in range(0, time.size, _BLOCK)]
         for rows in blocks:
             out[rows] += scale * kernel(time[rows, None] - time[rows]).real @ columns[rows]
-        # All that lies before a block acts on it through one sum, which fades and turns; so does all that lies behind.
+        # All samples before a block act on it through one complex sum, which decays and rotates; so do those after it.
         for ordered, end in ((blocks, -1), (blocks[::-1], 0)):
             carried, at = np.zeros(columns.shape[1], complex), 0.0
             for rows in ordered:
@@ -230,10 +230,10 @@ Noise: TypeAlias = StationaryNoise | NoiseInTime
 """Noise of a record: `StationaryNoise` for samples on an even grid, `NoiseInTime` for samples at any times."""
 
 
-def noise_at(time: Samples, values: Samples, freedom: float, max_order: int) -> Noise:
-    """The noise that `values` at `time` [s] are a sample of, about zero; NaN is left out.
+def fit_noise(time: Samples, values: Samples, freedom: float, max_order: int) -> Noise:
+    """Fit noise about zero to `values` at `time` [s]; NaN is left out.
 
-    **Arguments:** as of `stationary_noise`; the highest order, `max_order`, is that on an even grid.
+    **Arguments:** as of `stationary_noise`; `max_order` applies to an even grid.
     """
     places = grid_positions(time)
     if places is None:
@@ -246,18 +246,18 @@ _MOST_PARTS, _LEAST_IN_PART = 20, 8.0
 
 
 def unevenness(values: Samples, time: Samples) -> float:
-    """How much more the power of `values` at `time` [s] differs along them than that of stationary noise, in sigmas.
+    """Bartlett's test whether the power of `values` at `time` [s] varies along a record, as a normal deviate.
 
-    Noise of a sensor is as large everywhere, whatever its colour; what a model leaves lies where it is wrong.  This is
-    Bartlett's test of equal variances (Proc. R. Soc. Lond. A 160, 1937), as a normal deviate, over equal parts of as
-    many independent samples as the colour found leaves them.  NaN is left out.
+    Sensor noise is as large everywhere, whatever its colour; the residuals of a model are large where it is wrong.
+    The test of equal variances (Proc. R. Soc. Lond. A 160, 1937) compares equal parts, each with as many independent
+    samples as the estimated colour of the noise leaves.  NaN is left out.
 
     **Returns:** where there are fewer than three such parts, infinity for coloured noise and 0 for white noise.
     """
-    there = np.isfinite(values)
-    noise = noise_at(time, values, float(np.sum(there)), values.size)
-    share = noise.independent_share(time[there])
-    count = int(min(_MOST_PARTS, share * np.sum(there) / _LEAST_IN_PART))
+    finite = np.isfinite(values)
+    noise = fit_noise(time, values, float(np.sum(finite)), values.size)
+    share = noise.independent_share(time[finite])
+    count = int(min(_MOST_PARTS, share * np.sum(finite) / _LEAST_IN_PART))
     if count < 3:
         return np.inf if noise.order else 0.0
     parts = [part[np.isfinite(part)] for part in np.array_split(values, count)]
@@ -274,23 +274,23 @@ def unevenness(values: Samples, time: Samples) -> float:
 
 
 def noise_in_time(values: Samples, time: Samples, freedom: float) -> NoiseInTime:
-    """The noise that `values` at `time` [s] are a sample of, about zero; NaN is left out.
+    """Fit white plus slow noise about zero to `values` at `time` [s]; NaN is left out.
 
     **Arguments:** `freedom`, the degrees of freedom that a fit has left of the samples: variances grow by their ratio.
     """
-    there = np.isfinite(values)
-    values, time = values[there], time[there]
+    finite = np.isfinite(values)
+    values, time = values[finite], time[finite]
     size = float(np.mean(values**2)) if values.size else 0.0
     grown = values.size / max(freedom, 1.0)
     best, least = NoiseInTime(size * grown), 0.0
     # Fewer samples do not show a correlation.
     if values.size < 16 or size <= 0.0:
         return best
-    # A long record in stretches, in each of which the filter begins anew; eight of them tell enough.
+    # Eight stretches of a long record, in each of which the filter begins anew, determine the noise well enough.
     count = -(-values.size // 4096)
     length = values.size // count
-    taken = np.unique(np.linspace(0, count - 1, min(count, 8)).astype(int))
-    stretches = lambda whole: whole[: count * length].reshape(count, length)[taken]
+    chosen = np.unique(np.linspace(0, count - 1, min(count, 8)).astype(int))
+    stretches = lambda whole: whole[: count * length].reshape(count, length)[chosen]
     gaps, scaled = stretches(np.diff(time, prepend=time[0])), stretches(values / np.sqrt(size))
     part = scaled.size / values.size
     judge = lambda numbers: _deviances(gaps, scaled, numbers)

@@ -1,6 +1,6 @@
-"""Finds the cycles of a sawtooth drive in a record of what it moved.
+"""Find the cycles of a sawtooth drive in a record of the motion.
 
-1.  A straight line is taken off, so that a net motion leaves a sawtooth; where none is clear, a curved trend.
+1.  A straight line is subtracted, so that a net motion leaves a sawtooth; where none is clear, a curved trend.
 2.  The frequency is where the record agrees best with an ideal sawtooth: first on the grid of a
     spectrum, whose amplitudes at f, 2f, 3f, ... are summed with the weights 1, 1/2, 1/3, ... that a
     sawtooth gives them (so that neither f/2 nor 2f can win), then in ever finer steps by least
@@ -40,11 +40,11 @@ class Cycles:
     """The complete cycles of a record, one after the other: each a slow flank and the slip at its end."""
 
     frequency: float
-    """Frequency that was given, or else `seen` [Hz]."""
-    seen: float
+    """Frequency that was given, or else `slip_frequency` [Hz]."""
+    slip_frequency: float
     """Frequency by a line through the times of the slips [Hz]."""
-    seen_error: float
-    """Standard error of `seen` [Hz]; infinite where fewer than two slips were located."""
+    slip_frequency_error: float
+    """Standard error of `slip_frequency` [Hz]; infinite where fewer than two slips were located."""
     start: float
     """Begin of the first complete cycle, in the middle of a slip [s]."""
     count: int
@@ -58,14 +58,14 @@ class Cycles:
 
 
 def find_cycles(time: Samples, values: Samples, frequency: float | None, where: str) -> Cycles:
-    """The complete cycles in `values`, of any unit, at `time` [s], which ascends.
+    """The complete cycles in `values`, of any unit, at ascending `time` [s].
 
-    **Arguments:** `frequency` [Hz], where it is known, is taken as it is.  The record may begin
-    and end anywhere in a cycle.  A cycle is complete if the record holds what its metrics need:
-    the fitted part of its slow flank, the slip, and the fitted part of the flank that follows.
+    **Arguments:** `frequency` [Hz], or None to find it.  The record may begin and end anywhere in a cycle.  A cycle
+    is complete if the record holds what its metrics need: the fitted part of its slow flank, the slip, and the fitted
+    part of the flank that follows.
 
-    **Raises:** `InputError` that begins with `where` if there is no complete cycle, or if the
-    given frequency is none that this record could show.
+    **Raises:** `InputError` that begins with `where` if there is no complete cycle, or if the record cannot show the
+    given frequency.
     """
     extent, interval = float(time[-1] - time[0]), float(np.median(np.diff(time)))
     highest, lowest = 1.0 / (LEAST_PER_CYCLE * interval), 1.5 / extent
@@ -76,62 +76,62 @@ def find_cycles(time: Samples, values: Samples, frequency: float | None, where: 
         )
     if lowest >= highest:
         raise InputError(f"{where}: found {len(time)} samples, expected more: {LEAST_PER_CYCLE} in each of two cycles.")
-    fit, about, phase, sign = _best_sawtooth(time, values, frequency, lowest, highest)
+    fit, estimate, phase, sign = _best_sawtooth(time, values, frequency, lowest, highest)
     if fit < LEAST_FIT:
         wanted = "the drive's own frequency, or none" if frequency else "a record of several cycles"
         raise InputError(
-            f"{where}: found no cycles: at {about:.4g} Hz, a sawtooth explains {100 * fit:.0f} % of the motion about "
-            f"its trend, expected {wanted}."
+            f"{where}: found no cycles: at {estimate:.4g} Hz, a sawtooth explains {100 * fit:.0f} % of the motion "
+            f"about its trend, expected {wanted}."
         )
-    start, seen, error = time[0] + phase / about, about, np.inf
-    first, begun, good = 0.0, 0, np.zeros(0, int)
+    start, slip_frequency, error = time[0] + phase / estimate, estimate, np.inf
+    first, flanks, alike = 0.0, 0, np.zeros(0, int)
     for remaining in (2, 1, 0):
-        # The first slip of a cycle with samples; a fiftieth of a cycle is no more than its time is uncertain by.
-        before = np.floor((time[0] - start) * about + 0.02)
-        first, begun = start + before / about, int(np.ceil((time[-1] - start) * about - before - 0.02))
-        good = _similar_flanks(time, values, about, first, begun)
-        if len(good) < 2:
+        # The first slip of a cycle with samples; the time of a slip is uncertain by a fiftieth of a cycle.
+        before = np.floor((time[0] - start) * estimate + 0.02)
+        first, flanks = start + before / estimate, int(np.ceil((time[-1] - start) * estimate - before - 0.02))
+        alike = _similar_flanks(time, values, estimate, first, flanks)
+        if len(alike) < 2:
             raise InputError(
-                f"{where}: found {len(good)} complete slow flanks at {about:.4g} Hz, "
+                f"{where}: found {len(alike)} complete slow flanks at {estimate:.4g} Hz, "
                 "expected two at least, of a record of several cycles."
             )
         if remaining:
             # The slips at both ends of every flank that is like the others.
-            expected = first + np.append(good, good[-1] + 1) / about
-            slips = _slips(time, values, about, expected, sign)
-            seen, start, error = _line_of_slips(slips, expected, about, interval)
-            about = frequency or seen
-    count, begins = len(good) - 1, float(first + good[0] / about)
+            expected = first + np.append(alike, alike[-1] + 1) / estimate
+            slips = _slips(time, values, estimate, expected, sign)
+            slip_frequency, start, error = _line_of_slips(slips, expected, estimate, interval)
+            estimate = frequency or slip_frequency
+    count, start = len(alike) - 1, float(first + alike[0] / estimate)
     if frequency is None and count < 2:
         raise InputError(
             f"{where}: found one complete cycle at most, from which no frequency can be told, "
             "expected the drive's frequency or a longer record."
         )
-    stroke = cycle_metrics(time, values, about, begins, count).stroke
+    stroke = cycle_metrics(time, values, estimate, start, count).stroke
     falls = bool(np.median(np.asarray(stroke)) < 0)
-    # How well a sawtooth fits is asked of the cycles alone, not of the rest before and after.
-    used = (time >= begins) & (time <= begins + (count + 1) / about)
-    fit, *_ = _best_sawtooth(time[used], values[used], about, about, about)
-    return Cycles(about, seen, error, begins, count, begun - count, falls, fit)
+    # The fit of the sawtooth is that to the complete cycles alone, without a rest before and after.
+    used = (time >= start) & (time <= start + (count + 1) / estimate)
+    fit, *_ = _best_sawtooth(time[used], values[used], estimate, estimate, estimate)
+    return Cycles(estimate, slip_frequency, error, start, count, flanks - count, falls, fit)
 
 
 def _similar_flanks(
-    time: Samples, values: Samples, frequency: float, first: float, begun: int
+    time: Samples, values: Samples, frequency: float, first: float, count: int
 ) -> Int[np.ndarray, " flanks"]:
-    """Numbers of the slow flanks in the longest run of such as are complete and alike."""
-    slow = first + np.arange(begun) / frequency
+    """Numbers, below `count`, of the slow flanks in the longest run that are complete and alike."""
+    slow = first + np.arange(count) / frequency
     edge = 1e-9 / frequency + 0.5 * np.median(np.diff(time))
     whole = (slow + FLANK[0] / frequency >= time[0] - edge) & (slow + FLANK[1] / frequency <= time[-1] + edge)
-    # One cycle more than begun, so that the last flank too has a cycle, though without a net step.
-    stroke = np.asarray(cycle_metrics(time, values, frequency, first, begun + 1).stroke)[:begun]
+    # One more cycle, so that the last flank has a stroke, too, though no net step.
+    stroke = np.asarray(cycle_metrics(time, values, frequency, first, count + 1).stroke)[:count]
     size = np.where(whole & np.isfinite(stroke), np.abs(stroke), 0.0)
     longest, least = np.zeros(0, int), 0.02 * size.max(initial=0.0)
-    # From the largest on: a motion before the drive began, or after it ended, may be larger, but has no like.
+    # From the largest on: a motion before the drive began, or after it ended, may be larger, but occurs once.
     while len(longest) < 2 and size.max(initial=0.0) > least:
         large = size > 0.5 * size.max()
         usual = np.median(stroke[large])
-        good = np.flatnonzero((size > 0) & (np.abs(stroke - usual) <= 0.5 * abs(usual)))
-        longest = max(np.split(good, np.flatnonzero(np.diff(good) > 1) + 1), key=len)
+        alike = np.flatnonzero((size > 0) & (np.abs(stroke - usual) <= 0.5 * abs(usual)))
+        longest = max(np.split(alike, np.flatnonzero(np.diff(alike) > 1) + 1), key=len)
         size = np.where(large, 0.0, size)
     return longest
 
@@ -140,21 +140,21 @@ def _best_sawtooth(
     time: Samples, values: Samples, frequency: float | None, lowest: float, highest: float
 ) -> tuple[float, float, float, float]:
     """Fit, frequency, phase and sign of the sawtooth that explains the most of the motion about its trend."""
-    found = []
+    candidates = []
     for degree in TRENDS:
-        about = 2 * (time - time[0]) / (time[-1] - time[0]) - 1
-        powers = np.polynomial.legendre.legvander(about, degree)
+        powers = np.polynomial.legendre.legvander(2 * (time - time[0]) / (time[-1] - time[0]) - 1, degree)
         detrended = values - powers @ np.linalg.lstsq(powers, values, rcond=None)[0]
-        tried = frequency or _coarse_frequency(time, detrended, lowest, highest)
-        if frequency is None:
-            tried = _finer_frequency(time, detrended, tried, lowest, highest)
+        f = frequency
+        if f is None:
+            coarse = _coarse_frequency(time, detrended, lowest, highest)
+            f = _finer_frequency(time, detrended, coarse, lowest, highest)
         # Of two or three cycles a curved trend would explain too much.
-        if degree == 1 or tried * (time[-1] - time[0]) > degree:
-            fit, phase, sign = _sawtooth(time, detrended, tried)
-            found.append((fit, tried, phase, sign))
-        if found[0][0] > CLEAR_FIT:
+        if degree == 1 or f * (time[-1] - time[0]) > degree:
+            fit, phase, sign = _sawtooth(time, detrended, f)
+            candidates.append((fit, f, phase, sign))
+        if candidates[0][0] > CLEAR_FIT:
             break
-    return max(found)
+    return max(candidates)
 
 
 def _coarse_frequency(time: Samples, detrended: Samples, lowest: float, highest: float) -> float:
@@ -210,16 +210,16 @@ def _sawtooth(time: Samples, detrended: Samples, frequency: float) -> tuple[floa
 
 
 def _slips(time: Samples, values: Samples, frequency: float, expected: Samples, sign: float) -> np.ndarray:
-    """When the record moves fastest against the slow flank near each `expected` slip.
+    """Times [s] near each `expected` slip at which the record moves fastest against the slow flank.
 
-    NaN where it has no samples, and where it hardly does: a drive that starts begins a flank without a slip.
+    NaN where there are no samples, or hardly such a motion: when a drive starts its first flank begins without a slip.
     """
     span = max(1, round(0.01 / frequency / np.median(np.diff(time))))
     middle, change = 0.5 * (time[span:] + time[:-span]), -sign * (values[span:] - values[:-span])
     found, sizes = np.full(len(expected), np.nan), np.full(len(expected), np.nan)
     for index, moment in enumerate(expected):
         near = np.flatnonzero(np.abs(middle - moment) <= 0.15 / frequency)
-        # A slip at the record's edge is cut off, and something else would be taken for it.
+        # A slip at the record's edge is cut off, and another motion would be mistaken for the slip.
         if len(near) and abs(moment - time[0]) * frequency > 0.02 and abs(moment - time[-1]) * frequency > 0.02:
             # Several spans hold the same jump; its time is their mean.
             most = near[np.argmax(change[near])]
@@ -237,7 +237,7 @@ def _line_of_slips(slips: Samples, expected: Samples, frequency: float, interval
     number = np.round((expected - expected[0]) * frequency)
     late = slips - expected
     usual = float(np.nanmedian(late)) if np.isfinite(late).any() else 0.0
-    # What was found far from where the others were is no slip.
+    # A motion far from the usual place of a slip is none.
     keep = np.isfinite(late) & (np.abs(late - usual) <= 0.05 / frequency)
     if keep.sum() < 2:
         return frequency, float(expected[0] + usual), np.inf
@@ -245,7 +245,7 @@ def _line_of_slips(slips: Samples, expected: Samples, frequency: float, interval
     square = about @ about
     period = float(about @ slips[keep] / square)
     middle = slips[keep].mean()
-    # A slip is seen to lie between two samples, so that its time is uncertain by a uniform error at least.
+    # A slip lies between two samples: its time has at least the error of a uniform distribution over an interval.
     scatter = np.sum((slips[keep] - middle - period * about) ** 2) / max(keep.sum() - 2, 1)
     error = np.sqrt(max(scatter, interval**2 / 12) / square) / period**2
     return 1.0 / period, float(middle - period * number[keep].mean()), float(error)

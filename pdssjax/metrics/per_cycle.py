@@ -1,4 +1,4 @@
-"""How well an actuator moves and pushes, cycle by cycle (thesis, sections 3.4 and 3.5).
+"""Metrics of an actuator's motion and force in each cycle (thesis, sections 3.4 and 3.5).
 
 In every cycle of a sawtooth drive the end-effector rides forward with the platform (stick) and
 slides back when the platform does (slip).  With the stroke S of the stick phase, the back-slip S_0
@@ -80,7 +80,7 @@ class ForceMetrics(NamedTuple):
     output: Float[Array, " cycles"]
     """Force at the end of the slow flank by its line: what the thesis reads as the maximum, free of the noise."""
     maximum: Float[Array, " cycles"]
-    """The highest sample, with whatever noise is on it."""
+    """The highest sample, noise included."""
     minimum: Float[Array, " cycles"]
     mean: Float[Array, " cycles"]
 
@@ -202,7 +202,7 @@ def _lines(
 
 
 class CycleDrift(NamedTuple):
-    """Gain and stroke of a cycle, in the unit of the samples."""
+    """Net displacement and stroke of a cycle, in the unit of the samples."""
 
     net: float
     """Mean displacement from one cycle to the next."""
@@ -227,8 +227,7 @@ def drift_per_cycle(
         return None
     begin = time[0] + (period if covered > 3.0 else 0.0)
     whole = int((time[-1] - begin) * frequency + 1e-6) - 1
-    taken = (time >= begin) & (time < begin + whole * period)
-    later = np.interp(time[taken] + period, time, values)
-    steps = later - values[taken]
+    first = (time >= begin) & (time < begin + whole * period)
+    steps = np.interp(time[first] + period, time, values) - values[first]
     straight = values - np.mean(steps) * (time - time[0]) * frequency
     return CycleDrift(float(np.mean(steps)), float(np.std(steps) / np.sqrt(steps.size)), float(np.ptp(straight)))

@@ -1,16 +1,17 @@
 """A guess of a record's description in a study from its samples: drive, clock, measurement, noise."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
 
 from ..core import LENGTH, VELOCITY, Display, InputError
 from .cycle_detection import find_cycles
-from .sample_filters import integrated, rest_of
+from .sample_filters import integrated, velocity_zero
 from .sensor_samples import Samples, resolution_of, rounding_of_counts, scatter_floor
 from .voltage_flanks import frequency_of
-from .waveform_detection import begun, detect_waveform
+from .waveform_detection import detect_waveform, with_drive_start
 from .waveform_fits import Waveform
 
 _LEAST_EXPLAINED_WITH_HYSTERESIS = 0.8
@@ -82,35 +83,33 @@ def guess_record(
     **Raises:** `InputError` where no cycles are found in a motion without a voltage, where a velocity has none, or
     where what was measured is not clear; `ValueError` where the voltage never changes.
     """
-    measured = motion
+    measured, hysteresis, against = motion, math.nan, False
     if volts is None and velocity:
         raise InputError(f"{where}: found a velocity without a voltage, expected --voltage with the channel of it.")
     if volts is None:
-        waveform, leaves = _sawtooth_of_motion(time, motion, peak or math.nan, frequency, where), math.nan
-        seen = measures or "effector"
+        waveform = _sawtooth_of_motion(time, motion, peak or math.nan, frequency, where)
+        part = measures or "effector"
     else:
         waveform = detect_waveform(time, volts)
         if velocity:
             # The zero of the sensor is taken from the record itself.
             early = time - waveform.start if waveform.begins == "seen" else time - time[0]
             held = np.where(early > 0.0, waveform.numbers["voltage"], 0.0) if waveform.name == "step" else volts
-            zero = rest_of(early, motion, held, returns=True)
+            zero = velocity_zero(early, motion, held, returns=True)
             assert zero is not None
             motion = integrated(time, motion - zero)
         straight = np.stack([np.ones(volts.size), volts], axis=1)
-        left = motion - straight @ np.linalg.lstsq(straight, motion, rcond=None)[0]
-        explained = 1.0 - float(np.var(left) / (np.var(motion) or 1.0))
-        leaves = float(np.std(left) / (np.ptp(motion) or 1.0))
-        seen = measures or _measured_part(waveform, explained, _has_net_step(time, motion, volts, waveform), where)
-        if seen == "platform" and waveform.name == "sine" and waveform.begins == "running":
-            waveform = _start_with_record(time, motion, waveform)
-    if volts is None:
-        against = False
-    elif seen == "effector" and waveform.has_fast_flanks:
-        against = rides_against(time, motion, volts, 1.0 / waveform.numbers["frequency"], waveform.start)
-    else:
-        against = goes_against(time, motion, volts)
-    resolution = resolution_of(measured)
+        residual = motion - straight @ np.linalg.lstsq(straight, motion, rcond=None)[0]
+        explained = 1.0 - float(np.var(residual) / (np.var(motion) or 1.0))
+        part = measures or _measured_part(waveform, explained, _has_net_step(time, motion, volts, waveform), where)
+        if part == "platform":
+            hysteresis = float(np.std(residual) / (np.ptp(motion) or 1.0))
+            if waveform.name == "sine" and waveform.begins == "running":
+                waveform = _start_with_record(time, motion, waveform)
+        if part == "effector" and waveform.has_fast_flanks:
+            against = rides_against(time, motion, volts, 1.0 / waveform.numbers["frequency"], waveform.start)
+        else:
+            against = goes_against(time, motion, volts)
     start = waveform.start
     if waveform.begins == "running" and waveform.name != "sampled":
         start -= RUNNING / waveform.numbers["frequency"]
@@ -120,11 +119,11 @@ def guess_record(
         volts=volts,
         waveform=waveform,
         start=float(start),
-        measures=seen,
+        measures=part,
         noise=max(scatter_floor(measured), rounding_of_counts(measured)),
-        resolution=resolution,
+        resolution=resolution_of(measured),
         turned=against,
-        hysteresis=leaves if seen == "platform" else math.nan,
+        hysteresis=hysteresis,
         velocity=(-measured if against else measured) if velocity else None,
     )
 
@@ -189,14 +188,14 @@ def _has_net_step(time: Samples, motion: Samples, volts: Samples, waveform: Wave
 def _start_with_record(time: Samples, motion: Samples, waveform: Waveform) -> Waveform:
     """Let a sine start with the record, at its phase there, if the motion shows that it did not run before.
 
-    Then the first samples are unlike those a cycle later, which are like those of the next cycle.
+    Then the first samples differ from those a cycle later, which agree with those of the next cycle.
     """
     frequency = waveform.numbers["frequency"]
     if time[-1] - time[0] < 2.2 / frequency:
         return waveform
     early = time[time < time[0] + 0.05 / frequency]
-    shown = [np.interp(early + cycle / frequency, time, motion) for cycle in range(3)]
-    first, later = (float(np.max(np.abs(a - b))) for a, b in ((shown[0], shown[1]), (shown[1], shown[2])))
+    cycles = [np.interp(early + cycle / frequency, time, motion) for cycle in range(3)]
+    first, later = (float(np.max(np.abs(a - b))) for a, b in itertools.pairwise(cycles))
     if first < max(0.04 * np.ptp(motion), 4.0 * later):
         return waveform
     phase = 2.0 * math.pi * math.remainder((float(time[0]) - waveform.start) * frequency, 1.0)
@@ -216,17 +215,17 @@ def _sawtooth_of_motion(time: Samples, motion: Samples, peak: float, frequency: 
         cycles = find_cycles(time, motion, frequency, where)
         falls, left = cycles.falls, 1.0 - cycles.fit
         middle = cycles.count // 2
-        slip = cycles.start + middle / cycles.seen
+        slip = cycles.start + middle / cycles.slip_frequency
         # The number with the fewest digits within the error.
-        tolerance = min(2.0 * cycles.seen_error, _ROUNDING * cycles.seen)
-        shorter = (float(f"{cycles.seen:.{digits}g}") for digits in range(1, 12))
-        simplest = (number for number in shorter if abs(number - cycles.seen) <= tolerance)
-        frequency = frequency or next(simplest, cycles.seen)
+        tolerance = min(2.0 * cycles.slip_frequency_error, _ROUNDING * cycles.slip_frequency)
+        shorter = (float(f"{cycles.slip_frequency:.{digits}g}") for digits in range(1, 12))
+        simplest = (number for number in shorter if abs(number - cycles.slip_frequency) <= tolerance)
+        frequency = frequency or next(simplest, cycles.slip_frequency)
     numbers = {"voltage": peak, "frequency": frequency}
     direction = "backward" if falls else "forward"
     found = Waveform("sawtooth", numbers, direction, slip, "running", math.sqrt(max(left, 0.0)))
     # The middle of a slip comes some milliseconds after the voltage has fallen.
-    return begun(found, time, None, max(2.0 * interval, 0.02 / frequency))
+    return with_drive_start(found, time, None, max(2.0 * interval, 0.02 / frequency))
 
 
 _SLOW_FLANK = 0.5, 0.95
@@ -239,11 +238,11 @@ def goes_against(time: Samples, motion: Samples, volts: Samples) -> bool:
     By their correlation, after a linear detrend in time.
     """
     line = np.stack([np.ones(time.size), time - time.mean()], axis=1)
-    bent = [column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (motion, volts)]
-    size = [float(np.linalg.norm(column)) for column in bent]
-    if size[1] <= 1e-6 * np.linalg.norm(volts) or size[0] == 0:
+    x, u = (column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (motion, volts))
+    size_x, size_u = float(np.linalg.norm(x)), float(np.linalg.norm(u))
+    if size_u <= 1e-6 * np.linalg.norm(volts) or size_x == 0:
         return False
-    return float(bent[0] @ bent[1]) < -0.7 * size[0] * size[1]
+    return float(x @ u) < -0.7 * size_x * size_u
 
 
 def rides_against(time: Samples, motion: Samples, volts: Samples, period: float, start: float = 0.0) -> bool:
@@ -263,5 +262,5 @@ def rides_against(time: Samples, motion: Samples, volts: Samples, period: float,
     within = lasts > firsts
     if not within.any():
         return goes_against(time, motion, volts)
-    ways = [column[lasts[within]] - column[firsts[within]] for column in (motion, volts)]
-    return bool(np.mean(ways[0] * ways[1] < 0) > 0.75)
+    moved, raised = (column[lasts[within]] - column[firsts[within]] for column in (motion, volts))
+    return bool(np.mean(moved * raised < 0) > 0.75)

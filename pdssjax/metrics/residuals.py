@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from .coloured_noise import Noise, noise_at
+from .coloured_noise import Noise, fit_noise
 from .sensor_samples import Samples, resolution_of
 
 
@@ -94,10 +94,10 @@ def split_by_phase(residual: Samples, time: Samples, frequency: float) -> CycleS
     mean = np.bincount(group, values) / np.maximum(sizes, 1)
     repeated = sizes[group] > 1
     enlarged = np.sqrt(sizes[group] / np.maximum(sizes[group] - 1, 1))
-    everywhere, rest = np.full(residual.shape, -1), np.full(residual.shape, np.nan)
-    everywhere[finite] = group
+    groups, rest = np.full(residual.shape, -1), np.full(residual.shape, np.nan)
+    groups[finite] = group
     rest[finite] = np.where(repeated, (values - mean[group]) * enlarged, np.nan)
-    return CycleSplit(everywhere, sizes, mean, rest)
+    return CycleSplit(groups, sizes, mean, rest)
 
 
 def lack_of_fit(residual: Samples, time: Samples, frequency: float) -> LackOfFit | None:
@@ -117,8 +117,8 @@ def lack_of_fit(residual: Samples, time: Samples, frequency: float) -> LackOfFit
     centre = np.mean(values[repeated])
     between = float(np.sum((split.mean[group] - centre)[repeated] ** 2)) / (phases - 1)
     misfit = max(between - within, 0.0) * (phases - 1) / samples
-    # Independent samples a sample, by the noise of a cycle.
-    noise = noise_at(time, split.rest, float(np.sum(np.isfinite(split.rest))), split.sizes.size // 2)
+    # Fraction of independent samples, by the noise of a cycle.
+    noise = fit_noise(time, split.rest, float(np.sum(np.isfinite(split.rest))), split.sizes.size // 2)
     independent = noise.independent_share(time[: split.sizes.size])
     sigmas = _normal_deviate(between, within, (phases - 1) * independent, (samples - phases) * independent)
     return LackOfFit(float(np.sqrt(within)), float(np.sqrt(misfit)), sigmas)
@@ -158,10 +158,10 @@ def split_residuals(
     if cycles is None:
         samples = float(np.sum(np.isfinite(residual)))
         freedom = min(freedom, samples)
-        return ResidualSplit(None, residual, noise_at(time, residual, freedom, residual.size), freedom)
+        return ResidualSplit(None, residual, fit_noise(time, residual, freedom, residual.size), freedom)
     # Enlarged by m/(m - 1) already: each of the rest counts.
     samples = float(np.sum(np.isfinite(cycles.rest)))
-    noise = noise_at(time, cycles.rest, samples, cycles.sizes.size // 2)
+    noise = fit_noise(time, cycles.rest, samples, cycles.sizes.size // 2)
     return ResidualSplit(cycles, cycles.rest, noise, samples)
 
 
@@ -172,11 +172,11 @@ _LONGEST_GLITCH = 5
 def outliers(measured: Samples, predicted: Samples, time: Samples, frequency: float | None) -> Int[np.ndarray, " k"]:
     """Indices of the samples `measured` at `time` [s] that stand out of the residuals in runs of at most five.
 
-    What repeats every cycle of a drive of that `frequency` [Hz] is misfit, and its median at each phase is taken off
-    first; the scale is the median of absolute deviations, which glitches hardly move, or of the changes from one cycle
-    to the next: of three cycles one is the median itself, and deviates by nothing.  A slip `predicted` a few
-    samples too early or too late leaves residuals as short, and is none: a shift in time explains it.  Nor is what
-    a sensor that counts in steps leaves: less than a step.
+    Residuals that repeat every cycle of a drive of that `frequency` [Hz] are misfit: their median at each phase is
+    subtracted first.  The scale is the median of absolute deviations, which glitches hardly move, or of the changes
+    from one cycle to the next, since the middle one of three cycles does not deviate from the median.  Two kinds of
+    short residuals are no outliers: those of a slip `predicted` a few samples too early or too late, which a shift in
+    time explains, and those below the step of a sensor that counts in steps.
     """
     residual = measured - predicted
     finite = np.isfinite(residual)
@@ -206,8 +206,8 @@ def outliers(measured: Samples, predicted: Samples, time: Samples, frequency: fl
         beside = left[[i for i in (begin - 1, end) if 0 <= i < left.size]]
         if end - begin > _LONGEST_GLITCH or not np.nanmax(np.abs(beside), initial=0.0) < 0.2 * height:
             continue
-        # A shift of the prediction that explains the run, and two samples on either side, leaves less than it does of a
-        # glitch in a steep motion: a half.
+        # A shifted prediction that explains the run and two samples on either side leaves little; of a glitch in a
+        # steep motion it leaves a half.
         around = places[max(begin - 2, 0) : end + 2]
         shifts = np.arange(-_LONGEST_GLITCH, _LONGEST_GLITCH + 0.5, 0.5)
         moved = np.array([np.interp(around + shift, places, predicted) for shift in shifts])
@@ -229,7 +229,7 @@ class SlipDelay(NamedTuple):
     """Measured less predicted time of the slips [s]."""
     standard_error: float
     """[s]"""
-    explains: float
+    explained_share: float
     """Share of the residuals' sum of squares within slips, about their mean, that the delay explains [1]."""
 
 

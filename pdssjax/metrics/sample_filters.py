@@ -53,7 +53,7 @@ _FEWEST_AT_REST = 8
 """Fewest samples whose mean serves as a zero."""
 
 
-def rest_of(time: Samples, speed: Samples, volts: Samples, returns: bool) -> float | None:
+def velocity_zero(time: Samples, speed: Samples, volts: Samples, returns: bool) -> float | None:
     """Zero of a velocity sensor [m/s]: what it shows of a thing at rest, from a record `speed` [m/s].
 
     Before the drive, which starts at `time` 0 [s]; or at the end, where the voltage `volts` [V] holds; or on average,

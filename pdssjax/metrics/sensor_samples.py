@@ -1,9 +1,8 @@
 """Properties of a sensor from its samples: noise, resolution, clipping, and held output.
 
-The noise is told by how far neighbours scatter, whatever slower motion there is.  Of a sensor that holds its output,
-samples between two large steps are exactly alike, always as many, where motion goes on.  A coarse resolution makes such
-repeats, too, but between steps of one count; so only those between larger steps are looked at.  Repeats that noise was
-added to, as a digitiser behind the sensor adds it, are not seen.
+The scatter of neighbours shows the noise, whatever slower motion there is.  A sensor that holds its output shows runs
+of equal samples between two large steps, all of the same length.  A coarse resolution makes runs, too, but between
+steps of one count, which are therefore ignored.  Runs are not found where a digitiser has added noise to them.
 """
 
 import math
@@ -28,9 +27,8 @@ _SECOND_DIFFERENCE_STD = float(np.sqrt(6.0))
 def neighbour_scatter(values: Samples) -> float:
     """The standard deviation of white noise in `values`, from their second differences.
 
-    Robust against fast motion, such as a slip's, which fills few samples: what lies far out is left out again and
-    again.  A smooth motion between samples hardly enters, and rounding no more than it does in the noise itself.  Of
-    fewer than eight values, their own standard deviation.
+    Fast motion such as a slip fills few samples, and is left out by repeated truncation.  Smooth motion hardly enters;
+    rounding enters as it does in the noise itself.  Of fewer than eight values, their standard deviation.
     """
     if values.size < 8:
         return float(np.std(values))
@@ -101,11 +99,11 @@ def counts_without_noise(measured: Samples) -> bool:
     return rounding_of_counts(measured) > scatter_floor(measured)
 
 
-_TIMES = 4
-"""How many times as long as any run of equal samples between the extremes: a coarse sensor has such, too."""
+_RUN_RATIO = 4
+"""Least ratio of a run at an extreme to the longest run of equal samples in between, which a coarse sensor has, too."""
 
 
-def clipped(values: Samples, voltage: Samples | None = None) -> dict[str, int]:
+def clipped_counts(values: Samples, voltage: Samples | None = None) -> dict[str, int]:
     """How many samples lie in long runs of exactly the "highest" or the "lowest" value; neither where none does.
 
     Runs with which the record begins or ends count only beside others, or where the `voltage` moves on: without a drive
@@ -116,7 +114,7 @@ def clipped(values: Samples, voltage: Samples | None = None) -> dict[str, int]:
     lengths = np.diff(np.append(0, ends))
     levels = values[ends - 1]
     inside = (levels > values.min()) & (levels < values.max())
-    least = max(8, _TIMES * int(np.max(lengths[inside], initial=0)))
+    least = max(8, _RUN_RATIO * int(np.max(lengths[inside], initial=0)))
     found = {}
     for end, level in (("highest", values.max()), ("lowest", values.min())):
         long = (levels == level) & (lengths >= least)

@@ -1,12 +1,11 @@
 """When the fast flanks of a step or a sawtooth begin and how long they last, from the few samples that lie on them.
 
-A voltage V and a start that come from a sawtooth's slow flanks alone are wrong by what is wrong in the fall time tf: by
-V = s (T - tf), s the slope, and by tf.  One sample on each fast flank tells tf far below the sampling interval.  So the
-voltage that is looked for is U = s T, to which a slow flank would come in a whole period.  The numbers of a sawtooth
-here are U [V], the period T, the begin of a fast flank and its duration tf [s].
+Slow flanks of slope s alone give a sawtooth's voltage V = s (T - tf) and start only up to the fall time tf.  One sample
+on each fast flank determines tf far below the sampling interval.  The numbers of a sawtooth here are U = s T [V], which
+a slow flank would reach in a whole period, the period T, and begin and duration tf of a fast flank [s].
 
-Which samples lie on a flank depends on where it is: several flanks may explain the same samples equally well, each
-within nanoseconds.  So they are looked for from many starts, and the errors hold all that are found.
+Several flanks, each known within nanoseconds, may explain the same samples equally well.  So the search begins from
+many starts, and the errors cover all minima found.
 """
 
 import math
@@ -52,20 +51,17 @@ _FREQUENCY_DIGITS = 3
 
 
 class SharpFlanks(NamedTuple):
-    """A step or a sawtooth with straight flanks, by least squares, with standard errors."""
+    """A step or a sawtooth with straight flanks [V, s], by least squares, with standard errors."""
 
     voltage: float
-    """[V]"""
     period: float
-    """Period of a sawtooth [s]; infinite for a step."""
+    """Period of a sawtooth; infinite for a step."""
     start: float
-    """Begin of a fast flank [s]."""
+    """Begin of a fast flank."""
     duration: float
-    """Duration of a fast flank [s]."""
+    """Duration of a fast flank."""
     start_error: float
-    """[s]"""
     duration_error: float
-    """[s]"""
     voltage_error: float
     """Standard error [V]; for a sawtooth, of the voltage to which its slow flank would come in a whole period."""
 
@@ -121,8 +117,9 @@ def sharpened_sawtooth(
     whole_rise, period, start, duration = map(float, numbers)
     voltage = whole_rise * (1.0 - duration / period)
     flanks = round((time[-1] - time[0]) / period)
-    told = max(errors[2:]) < _LOCATED * interval and _explains(least, int(near.sum()) - 4, noise, voltage)
-    if not told or _count_on_flank(np.mod(time - start, period) / duration) < max(1, flanks // 4):
+    if not max(errors[2:]) < _LOCATED * interval or not _explains(least, int(near.sum()) - 4, noise, voltage):
+        return None
+    if _count_on_flank(np.mod(time - start, period) / duration) < max(1, flanks // 4):
         return None
     of_voltage, _, of_start, of_duration = map(float, errors)
     return SharpFlanks(voltage, period, start, duration, of_start, of_duration, of_voltage)
@@ -131,7 +128,7 @@ def sharpened_sawtooth(
 def sharpened_step(
     time: Samples, volts: Samples, about: tuple[float, float, float], interval: float
 ) -> SharpFlanks | None:
-    """The step of least squares near `about`, which holds voltage [V], begin and duration [s] of the rise."""
+    """The least-squares step near `about`: voltage [V], begin and duration [s] of the rise; None as for a sawtooth."""
     voltage, start, rise = about
     noise = max(scatter_between_corners(volts), 1e-6 * abs(voltage))
 
@@ -310,27 +307,24 @@ JUMP = 1.6
 """Sampling intervals up to which a flank cannot be told from a jump."""
 
 _SURE = 5.0
-"""Standard errors within which what least squares tell of a flank is taken to lie."""
+"""Half width, in standard errors, of the range of a number of a flank that least squares has located."""
 
 
 class Timing(NamedTuple):
-    """Range of the duration of fast flanks and of the drive's start, by the samples of the voltage."""
+    """Range of the duration of fast flanks and of the drive's start, by the samples of the voltage [s]."""
 
     shortest: float
-    """Duration that such a flank may have [s]."""
     longest: float
-    """The same."""
     within: float
-    """Time by which the drive may start earlier or later [s]."""
+    """Largest error of the drive's start, to either side."""
     errors: tuple[float, float] | None = None
-    """Standard errors of duration and start [s] where samples on flanks locate them; None where only bounds are known.
-    """
+    """Standard errors of duration and start, if samples on flanks locate them; None if only bounds are known."""
 
 
 def timing_of(sharp: SharpFlanks | None, seen: float, interval: float) -> Timing:
     """Timing of located fast flanks; else of those `seen` [s] long between two levels, 0 where no sample is."""
     if sharp is None and seen:
-        # Two levels with few samples between tell too long a flank.
+        # With few samples between the two levels the duration is overestimated.
         return Timing(max(0.5 * seen - interval, 0.0), 1.5 * seen + interval, 0.5 * seen + interval)
     if sharp is None:
         return Timing(0.0, JUMP * interval, 2.0 * interval)

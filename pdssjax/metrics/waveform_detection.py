@@ -24,17 +24,17 @@ from .waveform_fits import AT_ZERO, FITS, LOCATED, Waveform, cycloid_at, fit_ste
 MOST_MISFIT = 0.015
 """Largest rms residual of a waveform beyond the noise, as a fraction of the voltage."""
 
-_REST = 4
-"""Fewest samples of a rest."""
+_REST_SAMPLES = 4
+"""Least number of samples of a rest."""
 
-_LEVELS = 4
-"""Most rounds in which the level that a voltage is counted from is refined."""
+_LEVEL_ROUNDS = 4
+"""Largest number of rounds that refine the level from which a voltage is counted."""
 
-_SAME = 2e-5
+_LEVEL_TOLERANCE = 2e-5
 """Largest deviation of that level, as a fraction of the voltage."""
 
-_HELD = 0.03
-"""Least duration of the voltage at which a record begins, as a fraction of the record, if it was held before."""
+_HELD_SHARE = 0.03
+"""Least duration of the first voltage, as a fraction of the record, for it to have been held before."""
 
 _FLICKERS = 1.5
 """Least distance of a voltage from a level that it has left, in multiples of its flicker."""
@@ -60,11 +60,11 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
         return dataclasses.replace(found, counted_from=0.0)
     counted, (level, turned, samples) = found, _reference_level(time, volts, turned)
     # Noise widens the range of a voltage, and what is laid over it tells the level better.
-    for _ in range(_LEVELS):
+    for _ in range(_LEVEL_ROUNDS):
         counted = _restore_sign(_detect(time, turned * (volts - level)), turned)
         if counted.name == "sampled":
             return found
-        if counted.begins == "seen" or abs(counted.counted_from) < _SAME * (high - low):
+        if counted.begins == "seen" or abs(counted.counted_from) < _LEVEL_TOLERANCE * (high - low):
             break
         level += turned * counted.counted_from
     if counted.name == "sawtooth" and counted.timing is not None:
@@ -83,12 +83,10 @@ def _restore_sign(found: Waveform, turned: float) -> Waveform:
 
 
 def _reference_level(time: Samples, volts: Samples, turned: float) -> tuple[float, float, int]:
-    """The level that a voltage is to be counted from [V], and whether it goes up from there, 1, or down, -1.
+    """The level [V] from which a voltage is counted, its direction from there (1 up, -1 down), and samples averaged.
 
-    And of how many samples that is the mean, 0 where it is an end of the range.
-
-    That at which it rests, where that is an end of its range; or else the end of the range nearer to 0 V, which is
-    the highest of a voltage that is to be `turned`.
+    The level is that of a rest at an end of the voltage's range; without one the end of the range nearer to 0 V (the
+    highest if `turned`), of 0 samples.
     """
     low, high = extremes_of(volts)
     rest = _rest(time, volts, high - low)
@@ -128,18 +126,18 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
             located = (1.5 if simplest.uncertain else LOCATED) * interval
             located = located if simplest.timing is None else min(located, simplest.timing.within)
             within = 2.0 * simplest.frequency_error
-            said = () if within < _NEGLIGIBLE_BOUND else (f"frequency: within {100 * within:.2g} %",)
-            found = dataclasses.replace(simplest, uncertain=simplest.uncertain + said, start=simplest.start + first)
-            return begun(found, time, rests, 1.5 * interval, located)
+            bound = () if within < _NEGLIGIBLE_BOUND else (f"frequency: within {100 * within:.2g} %",)
+            found = dataclasses.replace(simplest, uncertain=simplest.uncertain + bound, start=simplest.start + first)
+            return with_drive_start(found, time, rests, 1.5 * interval, located)
     start = float(time[0]) if rests is None else _before_onset(time, volts, rests)
     # The first stair of a staircase is no voltage that was held before.
-    held = rest is not None and rest.end - time[0] > _HELD * (time[-1] - time[0])
+    held = rest is not None and rest.end - time[0] > _HELD_SHARE * (time[-1] - time[0])
     begins = "seen" if rests is not None else "held" if held else "running"
     return Waveform("sampled", {"voltage": float(np.max(np.abs(volts)))}, "", start, begins, 0.0)
 
 
 def _runs_low(found: Waveform, elapsed: Samples, volts: Samples, until: float) -> bool:
-    """Whether what looks like a rest `until` a time [s] is a drive that runs, and is low for a while in each cycle."""
+    """Whether an apparent rest `until` a time [s] is the low part of a cycle of a running drive."""
     if found.name == "trapezoid":
         low_for = (1.0 - found.numbers["width"]) / found.numbers["frequency"]
         return until - elapsed[0] <= 1.05 * low_for
@@ -151,15 +149,15 @@ def _runs_low(found: Waveform, elapsed: Samples, volts: Samples, until: float) -
 
 
 def _before_onset(time: Samples, volts: Samples, leaves: float) -> float:
-    """A moment in the rest [s] at which a voltage that is seen to leave it at `leaves` has surely not begun to.
+    """A time in the rest [s] before the onset of a voltage that visibly leaves the rest at `leaves`.
 
-    A smooth onset is under way long before it shows.  One like t^n that shows at 0.2 % of the voltage comes to 10 %
-    after 50^(1/n) times as long, more than twice up to n = 5: it has begun less than the time between the two before.
-    Half of the rest is left in front of it, which shows what a sensor of velocity shows of a thing at rest.
+    A smooth onset begins long before it is visible.  An onset like t^n that is visible at 0.2 % of the voltage reaches
+    10 % after 50^(1/n) times as long, more than twice up to n = 5: it began less than the time between the two earlier.
+    Half of the rest stays in front of the onset, since it shows the zero of a velocity sensor.
     """
     far = np.abs(volts) >= _UNDER_WAY * np.max(np.abs(volts))
-    shown = float(time[np.argmax(far & (time >= leaves))])
-    return max(0.5 * (float(time[0]) + leaves), 2.0 * leaves - shown)
+    reached = float(time[np.argmax(far & (time >= leaves))])
+    return max(0.5 * (float(time[0]) + leaves), 2.0 * leaves - reached)
 
 
 class _Rest(NamedTuple):
@@ -179,18 +177,18 @@ def _flicker(volts: Samples, extent: float) -> float:
 
 
 def _rest(time: Samples, volts: Samples, extent: float) -> _Rest | None:
-    """The rest that a voltage begins with; None where it does not begin so."""
+    """The rest at the begin of a voltage; None without one."""
     near = max(AT_ZERO * extent, _flicker(volts, extent))
     away = np.flatnonzero(np.abs(volts - np.median(volts[:3])) > near)
     far = int(away[0]) if away.size else volts.size
-    if far < _REST:
+    if far < _REST_SAMPLES:
         return None
     # Hum is no motion: neighbours do not show it, but all samples of the rest do.
     level = float(np.median(volts[:far]))
     spread = 1.4826 * float(np.median(np.abs(volts[:far] - level)))
     noise = max(5.0 * scatter_between_corners(volts), 3.0 * spread, 2e-3 * extent)
     leaves = int(np.flatnonzero(np.abs(volts[:far] - level) <= noise)[-1]) + 1
-    if leaves < _REST:
+    if leaves < _REST_SAMPLES:
         return None
     quiet = volts[:leaves]
     # A slow flank that has just begun is no rest: it has the slope that it goes on with.
@@ -199,20 +197,22 @@ def _rest(time: Samples, volts: Samples, extent: float) -> _Rest | None:
     if abs(drift) > 0.3 * ahead and ahead > 0:
         return None
     # The last samples may be on their way already, within the noise.
-    surely = quiet[: max(round(0.85 * leaves), _REST - 1)]
+    surely = quiet[: max(round(0.85 * leaves), _REST_SAMPLES - 1)]
     return _Rest(float(time[leaves - 1]), float(np.mean(surely)), surely.size)
 
 
-def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float, located: float = math.inf) -> Waveform:
-    """Replace a waveform's `start`, that of some cycle, by that of the drive.
+def with_drive_start(
+    found: Waveform, time: Samples, leaves_rest: float | None, tolerance: float, located: float = math.inf
+) -> Waveform:
+    """Replace a waveform's `start`, which is that of some cycle, by the start of the drive.
 
-    **Arguments:** `rests` tells when it leaves a rest at 0 V in the record [s], None where it does not; `tolerance`
-    [s] how near a cycle's begin must be to the clock's zero for the clock to count from the drive's start, and
-    `located` [s] how near for it to be that zero.
+    **Arguments:** `leaves_rest` is the time at which the voltage leaves a rest at 0 V [s], None without such a rest.
+    Without one the clock counts from the drive's start if a cycle begins within `tolerance` [s] of the clock's zero;
+    within `located` [s] the start is that zero.
     """
     period = 1.0 / found.numbers["frequency"]
-    if rests is not None:
-        cycles = round((rests - found.start) / period)
+    if leaves_rest is not None:
+        cycles = round((leaves_rest - found.start) / period)
         return dataclasses.replace(found, start=found.start + cycles * period, begins="seen")
     # A clock that counts from the drive's start shows a cycle that begins at 0.
     phase = found.start / period
@@ -223,11 +223,11 @@ def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float,
     return dataclasses.replace(found, start=found.start + before * period)
 
 
-_SHARES = (0.1, 0.5, 0.9)
+_FLANK_FRACTIONS = (0.1, 0.5, 0.9)
 """Fractions of a flank between which its first and its second half are timed."""
 
-_SAMPLES = 3
-"""Fewest samples between the first and the last of `_SHARES`: with fewer a corner looks like a bend."""
+_FLANK_SAMPLES = 3
+"""Fewest samples between the first and the last of `_FLANK_FRACTIONS`: with fewer a corner looks like a bend."""
 
 
 def rounding_of(time: Samples, volts: Samples, waveform: Waveform) -> float:
@@ -242,12 +242,12 @@ def rounding_of(time: Samples, volts: Samples, waveform: Waveform) -> float:
         return math.nan
     level = (volts - waveform.counted_from) / waveform.numbers["voltage"]
     passed = 1.0 - level if waveform.direction == "forward" else level
-    outside = np.flatnonzero((passed <= _SHARES[0]) | (passed >= _SHARES[-1]))
+    outside = np.flatnonzero((passed <= _FLANK_FRACTIONS[0]) | (passed >= _FLANK_FRACTIONS[-1]))
     ratios = []
     for first, last in itertools.pairwise(outside):
-        if passed[first] > _SHARES[0] or passed[last] < _SHARES[-1] or last - first <= _SAMPLES:
+        if passed[first] > _FLANK_FRACTIONS[0] or passed[last] < _FLANK_FRACTIONS[-1] or last - first <= _FLANK_SAMPLES:
             continue
         flank = slice(first, last + 1)
-        begin, middle, end = np.interp(_SHARES, np.maximum.accumulate(passed[flank]), time[flank])
+        begin, middle, end = np.interp(_FLANK_FRACTIONS, np.maximum.accumulate(passed[flank]), time[flank])
         ratios.append((end - middle) / (middle - begin))
     return float(np.median(ratios)) if ratios else math.nan

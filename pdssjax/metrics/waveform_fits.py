@@ -81,8 +81,9 @@ def fit_cycloidal(time: Samples, volts: Samples, flanks: VoltageFlanks, interval
     first = np.array([0.0, flanks.extent, begin, fast.period, *([duration] * (not ideal))])
     if time.size < 4 * first.size or turn[-1] < 0.5:
         return None
-    shown, scale = _levels(time, fast.fall), np.array([first[1], first[1], interval, interval, interval])[: first.size]
-    solved = least_squares(lambda numbers: shown(numbers) - volts, first, x_scale=scale, method="trf", max_nfev=40)
+    voltage_at = _cycloid(time, fast.fall)
+    scale = np.array([first[1], first[1], interval, interval, interval])[: first.size]
+    solved = least_squares(lambda numbers: voltage_at(numbers) - volts, first, x_scale=scale, method="trf", max_nfev=40)
     left = _rms(solved.fun)
     errors = left * scale * np.linalg.norm(np.linalg.pinv(np.linalg.qr(solved.jac * scale, mode="r")), axis=1)
     level, voltage, start, period = map(float, solved.x[:4])
@@ -110,14 +111,14 @@ def fit_cycloidal(time: Samples, volts: Samples, flanks: VoltageFlanks, interval
 def cycloid_at(time: Samples, found: Waveform) -> Samples:
     """The voltage [V] at `time` [s] of a cycloidal that was found and runs, counted from its level."""
     numbers = [0.0, found.numbers["voltage"], found.start, 1.0 / found.numbers["frequency"]]
-    return _levels(time, found.direction == "forward")(np.array([*numbers, found.numbers.get("fall_time", 0.0)]))
+    return _cycloid(time, found.direction == "forward")(np.array([*numbers, found.numbers.get("fall_time", 0.0)]))
 
 
-def _levels(time: Samples, fall: bool) -> Callable[[np.ndarray], Samples]:
-    """The voltage [V] at `time` [s] by its lowest level and its height [V], begin of a fast flank, period and, if
-    any, the duration of that flank [s]."""
+def _cycloid(time: Samples, fall: bool) -> Callable[[np.ndarray], Samples]:
+    """The voltage [V] at `time` [s] as a function of lowest level, height [V], begin of a fast flank, period and,
+    unless flanks are jumps, duration of a fast flank [s]."""
 
-    def shown(numbers: np.ndarray) -> Samples:
+    def voltage_at(numbers: np.ndarray) -> Samples:
         lowest, voltage, start, period, *lasts = numbers
         duration = lasts[0] if lasts else 0.0
         phase = np.mod(time - start, period)
@@ -126,7 +127,7 @@ def _levels(time: Samples, fall: bool) -> Callable[[np.ndarray], Samples]:
         level = np.where(phase < duration, 1.0 - phase / (duration or 1.0), slow)
         return lowest + voltage * (level if fall else 1.0 - level)
 
-    return shown
+    return voltage_at
 
 
 LOCATED = 0.1
@@ -145,19 +146,19 @@ def fit_step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: flo
     ideal = sharp is None and rise < JUMP * interval
     if sharp is not None:
         voltage, start, rise, error = sharp.voltage, sharp.start, sharp.duration, sharp.voltage_error
-        shown = voltage * np.clip((time - start) / rise, 0.0, 1.0)
+        voltage_at = voltage * np.clip((time - start) / rise, 0.0, 1.0)
     elif ideal:
         start = float(time[np.searchsorted(time, middle)])
         before = start - interval
         start = zero if before <= zero <= start else start
-        shown = np.where(time >= start - 1e-9 * interval, voltage, 0.0)
+        voltage_at = np.where(time >= start - 1e-9 * interval, voltage, 0.0)
     else:
         start = middle - 0.5 * rise
         start = zero if abs(start - zero) < LOCATED * interval else start
-        shown = voltage * np.clip((time - start) / rise, 0.0, 1.0)
+        voltage_at = voltage * np.clip((time - start) / rise, 0.0, 1.0)
     near = np.abs(time - middle) <= 1.5 * interval
     # A ramp that never comes to rest is no step.
-    misfit = _rms((volts - shown)[~near]) / abs(voltage) if late.size >= max(4, volts.size // 20) else math.inf
+    misfit = _rms((volts - voltage_at)[~near]) / abs(voltage) if late.size >= max(4, volts.size // 20) else math.inf
     numbers = {"voltage": voltage} | ({} if ideal else {"rise_time": rise})
     bound = (f"rise_time: below {JUMP * interval:.3g} s; start: within {interval:.3g} s",) if ideal else ()
     timing = timing_of(sharp, 0.0 if ideal else rise, interval)
@@ -183,16 +184,13 @@ def fit_sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval:
     forward, fast, middles, period = sides
     seen, ideal = fast, fast < JUMP * interval
     fast = 0.0 if ideal else fast
-    # Numbers of cycles, and samples away from the fast flanks.
+    # Samples away from the fast flanks.
     turn = (time - middles[0]) / period
-    number = np.round(turn)
-    margin = 0.5 * fast / period + 1.2 * interval / period
-    slow = np.abs(turn - number) > margin
-    count = np.floor(turn)
-    rested = slow & (np.abs(volts) <= 1e-3 * np.max(volts)) & (time < middles[0])
-    # The first slow flank of a drive that starts from rest may be another one.
-    kept = slow & (time > middles[0]) if len(middles) >= 2 else slow & ~rested
-    design = np.stack([np.ones(time.size), time, -count], axis=1)[kept]
+    slow = np.abs(turn - np.round(turn)) > 0.5 * fast / period + 1.2 * interval / period
+    at_rest = slow & (np.abs(volts) <= 1e-3 * np.max(volts)) & (time < middles[0])
+    # The first slow flank of a drive that starts from rest may differ from the others.
+    kept = slow & (time > middles[0]) if len(middles) >= 2 else slow & ~at_rest
+    design = np.stack([np.ones(time.size), time, -np.floor(turn)], axis=1)[kept]
     if np.linalg.matrix_rank(design) < 3:
         return None
     a, slope, drop = map(float, np.linalg.lstsq(design, volts[kept], rcond=None)[0])

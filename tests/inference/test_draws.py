@@ -11,7 +11,7 @@ import pytest
 import pdssjax
 from pdssjax import Accuracy, Drawing, InputError
 from pdssjax.files import EXAMPLE
-from pdssjax.inference.draws import same_run, stream
+from pdssjax.inference.draws import check_same_run, stream
 from pdssjax.inference.kept_fit import run_settings
 
 
@@ -38,9 +38,9 @@ def test_what_needs_threads_refuses_processes(study, intervals):
 
 def test_a_run_goes_on_only_with_parameters_and_records_in_the_same_order(study):
     what = lambda study: run_settings(study, "joint", "bootstrap", Drawing(), 0, Accuracy())
-    same_run(what(study), what(study))
+    check_same_run(what(study), what(study))
     for name in ("records", "parameters"):
         kept = getattr(study, name)
         turned = kept[::-1] if name == "records" else dict(reversed(kept.items()))
         with pytest.raises(InputError, match=r"^order: found \["):
-            same_run(what(study), what(dataclasses.replace(study, **{name: turned})))
+            check_same_run(what(study), what(dataclasses.replace(study, **{name: turned})))

@@ -5,7 +5,7 @@ from waves import Waves, at, run
 
 from pdssjax import InputError
 from pdssjax.inference.effort import EFFORTS, USUAL, effort_of
-from pdssjax.inference.least_squares import _slow
+from pdssjax.inference.least_squares import _slow_message
 from pdssjax.inference.search.multistart import Budget
 
 
@@ -24,10 +24,10 @@ def test_more_effort_tries_more_starts_evaluations_and_slow_steps():
 
 def test_a_slow_end_says_what_the_last_steps_gained_and_what_goes_on():
     course = [(2 * k, 480.0 + 0.01 * (30 - k)) for k in range(31)]
-    said = _slow(USUAL, course)
+    said = _slow_message(USUAL, course)
     assert "the last 24 evaluations gained 0.12" in said and '"thorough" goes on' in said
-    assert "goes on" not in _slow(EFFORTS["thorough"], course)
-    assert "the last 0 evaluations" in _slow(USUAL, course[:1])
+    assert "goes on" not in _slow_message(EFFORTS["thorough"], course)
+    assert "the last 0 evaluations" in _slow_message(USUAL, course[:1])
 
 
 def test_once_the_evaluations_are_spent_a_run_takes_a_single_step():

@@ -62,12 +62,13 @@ def test_each_record_s_share_is_the_trace_of_its_part_of_the_hat_matrix():
     fit = run(problem, None, None)
     jacobian = fit.state.jacobian
     hat = jacobian @ np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T
-    np.testing.assert_allclose(Evidence(problem, fit).degrees_taken, [np.trace(hat[:10, :10]), np.trace(hat[10:, 10:])])  # pyright: ignore
+    expected = [np.trace(hat[:10, :10]), np.trace(hat[10:, 10:])]
+    np.testing.assert_allclose(Evidence(problem, fit).effective_parameters, expected)  # pyright: ignore
     # What nothing is known of counts as well: where, the samples say that tell of the rest.
     fit.state.jacobian[:, 2] = 0.0
-    assert np.sum(Evidence(problem, fit).degrees_taken) == pytest.approx(3.0)  # pyright: ignore
+    assert np.sum(Evidence(problem, fit).effective_parameters) == pytest.approx(3.0)  # pyright: ignore
     fit.state.jacobian[:] = np.nan
-    np.testing.assert_allclose(Evidence(problem, fit).degrees_taken, [3.0 / 21.0, 60.0 / 21.0])  # pyright: ignore
+    np.testing.assert_allclose(Evidence(problem, fit).effective_parameters, [3.0 / 21.0, 60.0 / 21.0])  # pyright: ignore
 
 
 def test_the_noise_of_few_precise_samples_beside_many_others_is_found():

@@ -9,9 +9,9 @@ from scipy.signal import lfilter
 from pdssjax.metrics import (
     NoiseInTime,
     StationaryNoise,
+    fit_noise,
     grid_positions,
     neighbour_scatter,
-    noise_at,
     noise_in_time,
     sample_autocovariance,
     stationary_noise,
@@ -190,7 +190,7 @@ def test_white_noise_is_white_and_its_variance_grows_by_the_freedom_that_a_fit_t
 
 def test_the_grid_decides_which_noise_is_looked_for_and_what_says_nothing_is_no_trouble():
     values = DICE.normal(size=100)
-    assert isinstance(noise_at(1e-3 * np.arange(100), values, 100.0, 10), StationaryNoise)
-    assert isinstance(noise_at(clock("random", 100), values, 100.0, 10), NoiseInTime)
+    assert isinstance(fit_noise(1e-3 * np.arange(100), values, 100.0, 10), StationaryNoise)
+    assert isinstance(fit_noise(clock("random", 100), values, 100.0, 10), NoiseInTime)
     for silent in (np.zeros(100), np.full(100, np.nan)):
-        assert noise_at(clock("random", 100), silent, 100.0, 10).variance == 0.0
+        assert fit_noise(clock("random", 100), silent, 100.0, 10).variance == 0.0

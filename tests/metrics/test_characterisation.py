@@ -47,7 +47,7 @@ def test_cycles_are_found_wherever_the_record_begins_and_whichever_way_it_walks(
     assert found.cycles.falls == (sign < 0)
     assert found.cycles.count == complete
     assert found.cycles.start == pytest.approx(time[0] + (phase > 0.1) * (1 - phase) / frequency, abs=0.03 / frequency)
-    assert abs(found.cycles.seen - frequency) < 4 * found.cycles.seen_error
+    assert abs(found.cycles.slip_frequency - frequency) < 4 * found.cycles.slip_frequency_error
     for name, truth in [("stroke", 6.5e-6), ("back_slip", 3.2e-6), ("net_step", 3.3e-6), ("efficiency", 3.3 / 6.5)]:
         summary = found.summary[name]
         assert abs(summary.mean - truth) < 4 * summary.standard_error
@@ -59,7 +59,7 @@ def test_a_slow_drift_larger_than_the_slip_does_not_hide_it(tmp_path):
     time, motion = stick_slip(20, 5.0, back=0.65)
     drift = 1.5 * np.sin(4.0 * (time - time[0]) / (time[-1] - time[0]))
     found = characterise(written(tmp_path / "motion.csv", time, noisy(motion + drift)))
-    assert found.cycles.seen == pytest.approx(5.0, rel=1e-3)
+    assert found.cycles.slip_frequency == pytest.approx(5.0, rel=1e-3)
     assert found.summary["back_slip"].mean == pytest.approx(0.65e-6, rel=0.05)
 
 

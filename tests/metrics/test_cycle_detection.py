@@ -26,7 +26,7 @@ def test_a_drive_that_begins_after_a_rest_begins_without_a_slip(rest):
     values = np.mod(20.0 * after, 1.0) + 0.2 * np.floor(20.0 * after)
     values = values + 0.005 * np.random.default_rng(6).normal(size=time.size)
     found = find_cycles(time, values, None, "here")
-    assert found.seen == pytest.approx(20.0, abs=0.05) and found.seen_error < 0.02
+    assert found.slip_frequency == pytest.approx(20.0, abs=0.05) and found.slip_frequency_error < 0.02
 
 
 @pytest.mark.parametrize("given", [None, 5.0])
@@ -37,8 +37,8 @@ def test_cycles_are_found_whatever_the_spacing_of_the_samples(given, jitter):
     values = 3e-6 * drops(time, 5.0, 0.25) + 1e-8 * random.normal(size=time.size)
     found = find_cycles(time, values, given, "here")
     assert found.frequency == pytest.approx(5.0, rel=1e-4) if given is None else found.frequency == given
-    assert abs(found.seen - 5.0) < 5 * found.seen_error
-    assert found.seen_error < 1e-3
+    assert abs(found.slip_frequency - 5.0) < 5 * found.slip_frequency_error
+    assert found.slip_frequency_error < 1e-3
     # The slips are at 0.05 s + n / 5 s: 20 of them, with 19 whole flanks between, of which the last only tells a slip.
     assert found.start == pytest.approx(0.05, abs=2e-3)
     assert (found.count, found.falls) == (18, False)
@@ -110,14 +110,14 @@ def test_a_delay_is_found_within_its_error_and_explains_what_is_left(late):
     found = slip_delay(SLIP_TIME, PREDICTED, measured - PREDICTED)
     # A slip is no line over a delay: the error holds the rest.
     assert found.delay == pytest.approx(late, rel=0.2)
-    assert found.explains > 0.7 and abs(found.delay) > 5.0 * found.standard_error
+    assert found.explained_share > 0.7 and abs(found.delay) > 5.0 * found.standard_error
 
 
 def test_noise_and_another_stroke_are_no_delay():
     found = slip_delay(SLIP_TIME, PREDICTED, SLIP_NOISE)
-    assert abs(found.delay) < 4.0 * found.standard_error and found.explains < 0.1
+    assert abs(found.delay) < 4.0 * found.standard_error and found.explained_share < 0.1
     stroke = slip_delay(SLIP_TIME, PREDICTED, 0.02 * (PREDICTED - np.mean(PREDICTED)) + SLIP_NOISE)
-    assert stroke.explains < 0.5
+    assert stroke.explained_share < 0.5
 
 
 def test_what_never_slips_has_no_delay():

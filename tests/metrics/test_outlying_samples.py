@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdssjax import metrics
-from pdssjax.metrics import clipped, describe_hold, fresh_samples, hold_length
+from pdssjax.metrics import clipped_counts, describe_hold, fresh_samples, hold_length
 
 TIME = np.arange(0.0, 1.6, 1e-3)
 
@@ -86,33 +86,33 @@ CLIPPED_NOISE = 0.01 * np.random.default_rng(5).normal(size=CLIPPED_TIME.size)
 
 
 def test_a_motion_that_is_cut_off_is_seen_and_one_that_is_not_is_not():
-    assert clipped(MOTION + CLIPPED_NOISE) == {}
+    assert clipped_counts(MOTION + CLIPPED_NOISE) == {}
     cut = np.minimum(MOTION + CLIPPED_NOISE, 3.0)
-    found = clipped(cut)
+    found = clipped_counts(cut)
     # All but a few single ones that noise lifts to the end of the range.
     assert list(found) == ["highest"] and 0.95 * np.sum(cut == 3.0) < found["highest"] <= np.sum(cut == 3.0)
-    low = clipped(np.maximum(np.cos(30.0 * CLIPPED_TIME), -0.9))
+    low = clipped_counts(np.maximum(np.cos(30.0 * CLIPPED_TIME), -0.9))
     assert list(low) == ["lowest"] and low["lowest"] > 50
 
 
 def test_rest_at_the_begin_and_at_the_end_is_none():
     rest = np.concatenate([np.zeros(300), MOTION, np.full(300, MOTION[-1] + 1.0)])
-    assert clipped(rest) == {}
+    assert clipped_counts(rest) == {}
 
 
 def test_nor_are_the_steps_of_a_coarse_sensor():
     coarse = np.round(4.0 * np.sin(9.0 * CLIPPED_TIME)) / 4.0
-    assert clipped(coarse) == {}
+    assert clipped_counts(coarse) == {}
 
 
 def test_what_walks_out_of_range_stays_there_to_the_end_while_the_drive_runs():
     volts = 50.0 * np.mod(20.0 * CLIPPED_TIME, 1.0)
     cut = np.minimum(3.0 * CLIPPED_TIME, 2.3)
-    assert clipped(cut) == {}
-    found = clipped(cut, volts)
+    assert clipped_counts(cut) == {}
+    found = clipped_counts(cut, volts)
     assert list(found) == ["highest"] and found["highest"] > 200
     rest = np.concatenate([np.zeros(300), MOTION, np.full(300, MOTION[-1] + 1.0)])
-    assert clipped(rest, np.concatenate([np.zeros(300), volts, np.full(300, volts[-1])])) == {}
+    assert clipped_counts(rest, np.concatenate([np.zeros(300), volts, np.full(300, volts[-1])])) == {}
 
 
 def rung(random, elapsed):

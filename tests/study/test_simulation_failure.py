@@ -92,7 +92,7 @@ def test_records_that_are_left_out_are_not_simulated_and_spoil_no_derivative(sta
 def test_a_start_that_fails_after_another_phase_has_no_chi_square():
     blank = fitting.Fit(np.zeros(2), SimpleNamespace(residual=np.zeros(3)), False, "", 0, 1, Ending.START_FAILED)
     earlier = fitting.Fit(np.zeros(2), SimpleNamespace(residual=np.ones(3)), True, "", 4, 5, Ending.CONVERGED)
-    assert fitting.summed(blank, [earlier]).chi2 == np.inf
+    assert fitting.with_counts_of(blank, [earlier]).chi2 == np.inf
 
 
 @pytest.mark.slow

@@ -17,25 +17,25 @@ from ...metrics import scatter_floor
 from ...piezo.base import AbstractPiezo, Shown
 from ...study import Record
 from ..solver.box_least_squares import nonnegative_least_squares
-from .record_features import as_displacements, sticking_parts
+from .record_features import as_quantity, sticking_parts
 
-_MOST = 3000
+_MOST_SAMPLES = 3000
 """Largest number of samples used of a record."""
 
-_RANGES = (0.08, 0.15, 0.25, 0.4, 0.55, 0.75, 1.0)
-"""Thresholds tried, in parts of the voltage's swing."""
+_THRESHOLDS = (0.08, 0.15, 0.25, 0.4, 0.55, 0.75, 1.0)
+"""Thresholds tried, as fractions of the voltage's swing."""
 
-_TIMES = 5
+_TIME_CONSTANTS = 5
 """Number of time constants tried."""
 
-_STEPS = (1.3, 1.1, 1.02)
-"""Factors by which they are refined."""
+_REFINEMENTS = (1.3, 1.1, 1.02)
+"""Factors by which thresholds and time constants are refined."""
 
 _ROUNDS = 4
 """Largest number of steps by one factor."""
 
 _UNUSED = 1e-3
-"""Where a weight begins that comes out as no more than that, in parts of the gain."""
+"""Start of a weight whose least-squares value is no larger, as a fraction of the gain."""
 
 
 class _Loop(NamedTuple):
@@ -56,7 +56,7 @@ class _Loop(NamedTuple):
         if part is not None:
             time = record.time[: part.stop]
             return _Loop(time, drive.sampled_at(time), record.measured[part], noise)
-        stride = -(-record.time.size // _MOST)
+        stride = -(-record.time.size // _MOST_SAMPLES)
         time, measured = record.time[::stride], record.measured[::stride]
         time, measured = time[time > 0.0], measured[time > 0.0]
         first = float(time[0]) if time.size else 0.0
@@ -69,18 +69,19 @@ class _Loop(NamedTuple):
 def loop_starts(
     piezo: type[AbstractPiezo], shown: Shown, known: Mapping[str, float], records: Sequence[Record]
 ) -> dict[str, float]:
-    """Numbers of a stack by name, those that the `records` suggest; none where it is a straight line.
+    """Starts of a stack's numbers by name, as the `records` suggest them; none for a stack that is a straight line.
 
-    Loops and creep are told by records of the platform alone; powers of the voltage, without such a record, by
-    end-effectors while they are likely to stick.
+    Records of the platform alone determine loops and creep.  Without such a record end-effectors, while they are
+    likely to stick, determine powers of the voltage.
 
-    **Arguments:** what the records have `shown`; the numbers `known`, which are held.
+    **Arguments:** features `shown` by the records; the numbers `known`, which are held.
     """
     names = piezo.loop_numbers
-    # Of a stack that has not rested at 0 V nothing is tried.
+    # The trials assume a stack that has rested at 0 V.
     if names is None or any(known.get(name) for name in ("initial_voltage", "initial_peak")):
         return {}
-    driven = [record for record in as_displacements(records) if record.drive is not None and record.time.size >= 8]
+    moving = as_quantity(records, "displacement")
+    driven = [record for record in moving if record.drive is not None and record.time.size >= 8]
     alone = [record for record in driven if record.measurement.platform_alone]
     if bool(alone) != bool(names):
         return {}  # a fit finds powers from nothing where the whole motion shows them, and parts show no loop
@@ -99,9 +100,9 @@ def loop_starts(
         if name in known:
             grid.append([known[name]])
         elif trial.declared[name].unit == "V":
-            grid.append([share * swing for share in _RANGES])
+            grid.append([share * swing for share in _THRESHOLDS])
         else:
-            grid.append([float(time) for time in np.geomspace(ranges[name].low, ranges[name].high, _TIMES)])
+            grid.append([float(time) for time in np.geomspace(ranges[name].low, ranges[name].high, _TIME_CONSTANTS)])
     by_first: dict[float, tuple[float, tuple[float, ...]]] = {}
     for point in itertools.product(*grid):
         left = trial.left(point)
@@ -109,7 +110,7 @@ def loop_starts(
             by_first[point[0]] = left, point
     free = [i for i, name in enumerate(names) if name not in known]
     ends = [ranges[name][:2] if name in ranges else (0.0, math.inf) for name in names]
-    # Several points of the grid: with few elements one stands where another should.
+    # Several points of the grid are refined: the best one may have one element in another's place.
     promising = sorted(by_first.values())[:3]
     _, best = min(_refined(trial, point, left, free, ends) for left, point in promising)
     found = trial.best_weights(best) | dict(zip(names, best, strict=True))
@@ -125,7 +126,7 @@ class _Trial(NamedTuple):
     declared: Mapping[str, Quantity]
 
     def left(self, point: Sequence[float]) -> float:
-        """Sum of squared residuals over the noise with these thresholds and times and the best weights."""
+        """Sum of squared residuals over the noise, with these thresholds and times and the best weights."""
         return self._solved(point)[1]
 
     def best_weights(self, point: Sequence[float]) -> dict[str, float]:
@@ -157,7 +158,7 @@ def _refined(
     trial: _Trial, best: tuple[float, ...], least: float, free: Sequence[int], ends: Sequence[tuple[float, float]]
 ) -> tuple[float, tuple[float, ...]]:
     """The sum of squares left and the point where, from a point of the grid on, one number after the other."""
-    for factor in _STEPS:
+    for factor in _REFINEMENTS:
         for _ in range(_ROUNDS):
             before = least
             for place in free:

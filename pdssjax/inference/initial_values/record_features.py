@@ -26,50 +26,41 @@ from ..covariance import scaled_least_squares
 from .step_peaks import half_period_to_frequency, overshoot_to_damping, rest_before
 
 _JUMP = 0.1
-"""Part of a voltage's swing by which it changes from one sample to the next where it jumps."""
+"""Change from one sample to the next that counts as a jump, as a fraction of the voltage's swing."""
 
-_MOST = 200_000
-"""Moments at which a voltage is looked at."""
+_MOST_TIMES = 200_000
+"""Largest number of times at which a voltage is evaluated."""
 
-_FINER = 4
-"""Samples in the time in which a platform feels a change, so that corners are hardly missed."""
+_PER_RESPONSE = 4
+"""Times per response time 1/rate of a platform at which a voltage is evaluated, so that corners are hardly missed."""
 
 _LEAST_OF_FLANK, _MOST_FLANKS = 4, 12
 """How many samples the later half of a slow flank has at least, and how many such halves of a record are used."""
 
 
-def as_displacements(records: Sequence[Record]) -> list[Record]:
-    """The records that tell a displacement, with that [m], up to a constant, in place of what was measured."""
-    return _as_quantity(records, "displacement")
-
-
-def as_forces(records: Sequence[Record]) -> list[Record]:
-    """The records that tell a force, with that [N], up to a constant, in place of what was measured."""
-    return _as_quantity(records, "force")
-
-
-def _as_quantity(records: Sequence[Record], quantity: Literal["displacement", "force"]) -> list[Record]:
+def as_quantity(records: Sequence[Record], quantity: Literal["displacement", "force"]) -> list[Record]:
+    """The records from which the quantity follows, with that [m or N], up to a constant, in place of the samples."""
     samples = [Samples(r.time, r.measured, voltages(r), r.offset) for r in records]
     values = [getattr(r.measurement, quantity)(s) for r, s in zip(records, samples, strict=True)]
     return [dataclasses.replace(r, measured=v) for r, v in zip(records, values, strict=True) if v is not None]
 
 
 def oscillator(driven: Sequence[Record], rings: bool) -> dict[str, float]:
-    """Gain, natural frequency and damping ratio, as far as records with a drive tell them.
+    """Gain, natural frequency and damping ratio, as far as records with a drive show them.
 
     **Arguments:** whether the stack `rings`: only then are records without a step searched for a resonance.
     """
-    moves = as_displacements(driven)
-    platforms = [record for record in moves if record.measurement.platform_alone]
+    moving = as_quantity(driven, "displacement")
+    platforms = [record for record in moving if record.measurement.platform_alone]
     steps = [record for record in platforms if is_step(record)]
     if steps:
         return _medians([_from_step(record) for record in _most_finely_sampled(steps)])
-    if rings and (ringing_ones := [found for record in _most_finely_sampled(platforms) if (found := _ringing(record))]):
-        return _medians(ringing_ones)
-    flanks = [_flank_gain(r) for r in moves if r.drive is not None and r.drive.flanks() is not None]
+    if rings and (modes := [found for record in _most_finely_sampled(platforms) if (found := _ringing(record))]):
+        return _medians(modes)
+    flanks = [_flank_gain(r) for r in moving if r.drive is not None and r.drive.flanks() is not None]
     gains = flanks or [_range_gain(record) for record in platforms]
-    gains = gains or [gain for record in moves for gain in _sticking_gains(record)]
-    gains = gains or [gain for gain in map(_following_gain, moves) if gain > 0.0]
+    gains = gains or [gain for record in moving for gain in _sticking_gains(record)]
+    gains = gains or [gain for gain in map(_following_gain, moving) if gain > 0.0]
     return {"gain": float(np.median(gains))} if gains else {}
 
 
@@ -85,7 +76,7 @@ def _medians(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def _ringing(record: Record) -> dict[str, float]:
-    """Ringing of the platform by the whole record; where loops hide it, by what follows the voltage's largest jump."""
+    """Ringing of the platform in the whole record; where loops hide it, in the part after the largest voltage jump."""
     volts = voltages(record)
     found, steps = ringing(record.time, record.measured, volts), np.abs(np.diff(volts))
     if found or not steps.size or not np.max(steps) > _JUMP * np.ptp(volts):
@@ -107,12 +98,12 @@ def is_step(record: Record) -> bool:
 
 
 def _range_gain(record: Record) -> float:
-    """A platform that hardly rings goes as far as the voltage does."""
+    """Gain [m/V] of a platform that hardly rings: the range of its motion over that of the voltage."""
     return float(np.ptp(record.measured) / (np.ptp(voltages(record)) or 1.0))
 
 
 def _following_gain(record: Record) -> float:
-    """How far an end-effector goes with the voltage [m/V], besides walking steadily; 0 where it does not."""
+    """Gain [m/V] of an end-effector's motion by the voltage, after a steady walk is removed."""
     design = np.stack([np.ones(record.time.size), record.time - record.time[0], voltages(record)], axis=1)
     return float(scaled_least_squares(design, record.measured)[2])
 
@@ -120,7 +111,7 @@ def _following_gain(record: Record) -> float:
 def _from_step(record: Record) -> dict[str, float]:
     """Gain, natural frequency and damping ratio from the peak and the end of a step response.
 
-    Only the gain where no peak stands out of the noise soon enough: then the samples do not show the ringing.
+    Only the gain where no peak exceeds the noise within half of the record, so that the samples show no ringing.
     """
     time, y = record.time, record.measured
     after = time >= 0
@@ -142,10 +133,9 @@ def _from_step(record: Record) -> dict[str, float]:
 
 
 def _flank_gain(record: Record) -> float:
-    """Gain of an end-effector that sticks and follows the slow flank: its usual slope over the voltage's.
+    """Gain of an end-effector that sticks and follows the slow flank: its median slope over the voltage's.
 
-    Taken over a quarter of a period, so that noise and rounding matter little, and most of
-    the spans hold no slip.
+    Slopes are over a quarter of a period, so that noise and rounding matter little and most spans hold no slip.
     """
     flanks, frequency = record.drive and record.drive.flanks(), frequency_of(record)
     assert flanks is not None and frequency is not None
@@ -186,17 +176,17 @@ def _turning_points(volts: Float[np.ndarray, " n"], swing: float) -> list[int]:
 
 
 def _sticking_gains(record: Record) -> list[float]:
-    """How far an end-effector goes with the voltage [m/V] while it is likely to stick, by the parts of a record."""
+    """Gains [m/V] of an end-effector in the parts of a record in which it is likely to stick."""
     volts = voltages(record)
     slopes = [float(np.polyfit(volts[part], record.measured[part], 1)[0]) for part in sticking_parts(record)]
     return [slope for slope in slopes if slope > 0.0]
 
 
 def stop_stiffness(record: Record, gain: float) -> float:
-    """Stiffness of a stop that is pressed as far as the platform goes while the contact sticks [N/m]; 0 without a push.
+    """Stiffness of a stop [N/m] that the platform presses while the contact sticks; 0 without a push.
 
-    Of the rises within a tenth of a period the steepest tenth: later the contact slides, earlier
-    the end-effector may not have reached the stop.
+    By the steepest tenth of the rises within a tenth of a period: in the others the contact slides, or the
+    end-effector has not yet reached the stop.
     """
     frequency = frequency_of(record)
     if not frequency or record.time.size < 8:
@@ -220,23 +210,23 @@ def peak_bend(record: Record, rate: float, known: Mapping[str, float]) -> float:
     drive = drive_with(record, known)
     frequency = frequency_of(record)
     last = 3.0 / frequency if frequency else float(record.time[-1])
-    finer = rate * _FINER
-    count = min(int(max(last, 0.0) * finer), _MOST) + 4 * _FINER
-    times = (np.arange(count) - _FINER) / finer
+    finer = rate * _PER_RESPONSE
+    count = min(int(max(last, 0.0) * finer), _MOST_TIMES) + 4 * _PER_RESPONSE
+    times = (np.arange(count) - _PER_RESPONSE) / finer
     level = drive.sampled_at(times)
-    bend = level[2 * _FINER :] - 2.0 * level[_FINER:-_FINER] + level[: -2 * _FINER]
+    bend = level[2 * _PER_RESPONSE :] - 2.0 * level[_PER_RESPONSE:-_PER_RESPONSE] + level[: -2 * _PER_RESPONSE]
     return float(np.max(np.abs(bend))) * rate**2
 
 
 def contact_scale(record: Record, moved: float | None) -> tuple[float, float, float]:
-    """Mass, acceleration and rate that stand for what a friction record shows, as `search_ranges` wants them.
+    """Mass [kg], acceleration [m/s2] and rate [rad/s] of an equivalent actuator, the arguments of `search_ranges`.
 
-    Its force F and its stiffness k (the steepest tenth of the loops) put the middle of the ranges: a mass
-    m moved like that of an actuator has 0.3 m rate^2 = k and 0.035 m a = F there.  The mass is that of the
-    end-effector where one is `moved` [kg]: its contact is damped as suits its own ringing, however slow
-    the loops are.  Without one the rate is k v/F, at which the contact follows the record's speed v.
+    A record's force F and stiffness k (the steepest tenth of the loops) determine the middle of the ranges, where an
+    actuator's mass m has 0.3 m rate^2 = k and 0.035 m a = F.  The mass is that of an end-effector that is `moved` [kg],
+    since its own ringing determines the contact's damping.  Without one the rate is k v/F, at which the contact follows
+    the record's speed v.
 
-    Of a friction curve the speeds put the middle instead: a Stribeck velocity amid them is 0.017 a/rate
+    The speeds of a friction curve determine the middle instead: a Stribeck velocity amid them is 0.017 a/rate
     (`friction/_search_ranges.py`).
     """
     motion, measured = record.motion, record.measured
@@ -288,7 +278,7 @@ _DAMPING = (0.02, 0.1, 0.4)
 """Damping ratios tried."""
 
 _MOST_SAMPLES = 20_000
-"""Samples that are looked at."""
+"""Largest number of samples used."""
 
 
 def ringing(
@@ -324,7 +314,7 @@ def ringing(
 
 
 class _MotionResidual:
-    """Residual of a motion after a response, a constant, a drift, and the ringing from before the record."""
+    """Residual of a motion after a response, a constant, a drift and the decay of ringing from before the record."""
 
     def __init__(self, motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], interval: float) -> None:
         self._motion, self._volts, self._interval = motion - motion[0], volts - volts[0], interval
@@ -332,7 +322,7 @@ class _MotionResidual:
         self._line = [np.ones(motion.size), np.linspace(-1.0, 1.0, motion.size)]
 
     def of(self, response: Float[np.ndarray, " n"], *dying: Float[np.ndarray, " n"]) -> tuple[float, float]:
-        """The sum of squares [m2], and by what the response [V] is multiplied [m/V]."""
+        """The sum of squares [m2], and the gain of the response [m/V]."""
         design = np.stack([response, *self._line, *dying], axis=1)
         numbers = np.linalg.lstsq(design, self._motion, rcond=None)[0]
         return float(np.sum((self._motion - design @ numbers) ** 2)), float(numbers[0])

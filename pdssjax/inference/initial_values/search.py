@@ -26,7 +26,7 @@ from ..prior import Prior
 from ..residual import TOGETHER, Comparison, Evaluator, as_weights
 from .loop_starts import loop_starts
 from .record_features import (
-    as_forces,
+    as_quantity,
     contact_scale,
     frequency_of,
     interval_of,
@@ -40,7 +40,7 @@ TRIALS, TRIALS_OF_ONE = 512, 64
 """Points of the hypercube, at most; and along a single unknown: each further one doubles them."""
 
 _COARSE = Accuracy(tolerance=1e-9, settle_tolerance=1e-10)
-"""How finely trials are integrated."""
+"""Accuracy of the integration of trials."""
 
 PERIODS = 3.0
 """Periods of a record that the trials are compared with."""
@@ -49,13 +49,13 @@ SAMPLES = 2000
 """Samples of a friction record that the trials are compared with."""
 
 NEAR = 1.5
-"""Factor either way within which a start is scattered of which no better range is known."""
+"""Factor by which a start is scattered up and down where no better range is known."""
 
 USUAL_RATE = 6e3
-"""Natural frequency [rad/s] of a stack of which nothing is known."""
+"""Natural frequency [rad/s] assumed of a stack whose model has none."""
 
 AMPLIFIER, SENSOR = 5.0, 1.0
-"""Bandwidths of which nothing is known, over the frequency at which the platform rings."""
+"""Starts of unknown bandwidths, over the frequency at which the platform rings."""
 
 FALL_TIME = "drive.fall_time"
 
@@ -90,7 +90,7 @@ class _Rig(NamedTuple):
             for path, number in guess(known).items():
                 if path in parameters and path not in known:
                     known[path] = self.clipped(path, number)
-        blocked = [record for record in as_forces(fitted) if record.measurement.blocked]
+        blocked = [record for record in as_quantity(fitted, "force") if record.measurement.blocked]
         stiffnesses = [stop_stiffness(record, self.gain_and_rate(known)[0]) for record in blocked]
         if "stop.stiffness" in parameters and "stop.stiffness" not in known and any(stiffnesses):
             known["stop.stiffness"] = self.clipped("stop.stiffness", max(stiffnesses))
@@ -107,7 +107,7 @@ class _Rig(NamedTuple):
         return float(piezo.static_gain()), float(rates[0])
 
     def guess_of_stack(self, known: Mapping[str, float]) -> dict[str, float]:
-        """Starts of the stack's parameters from the records, as its model takes them."""
+        """Starts of the stack's parameters that its model derives from features of the records."""
         models, driven = self.models, [record for record in self.fitted if record.drive is not None]
         shown = Shown(
             **oscillator(driven, "piezo.natural_frequency" in models.declared()),
@@ -123,10 +123,10 @@ class _Rig(NamedTuple):
         return {f"piezo.{name}": number for name, number in found.items()}
 
     def guess_of_electronics(self, known: Mapping[str, float]) -> dict[str, float]:
-        """An amplifier and a sensor that leave their mark on the platform.
+        """Starts of an amplifier and a sensor that visibly change the platform's motion.
 
-        The amplifier slews as fast as the platform rises.  With bandwidths far from that of the platform a fit would
-        begin where they change nothing, or where they are all that is seen.
+        The amplifier slews as fast as the platform rises.  With bandwidths far from the platform's frequency a fit
+        would begin where they change nothing, or where they hide the platform.
         """
         driven = [(record, record.drive) for record in self.fitted if record.drive is not None]
         if not driven:
@@ -141,11 +141,11 @@ class _Rig(NamedTuple):
         }
 
     def ranges(self, known: Mapping[str, float], unknown: Sequence[str]) -> dict[str, tuple[float, float]]:
-        """Where to look for what is unknown, on logarithmic scales."""
+        """The ranges in which to search `unknown` parameters, on logarithmic scales."""
         records, (gain, rate) = self.fitted, self.gain_and_rate(known)
         mass = known.get("effector.mass", 0.1)
         moved = mass if any(record.measurement.effector_moves for record in records) else None
-        contacts = [contact_scale(record, moved) for record in as_forces(records) if not record.measurement.driven]
+        contacts = [contact_scale(r, moved) for r in as_quantity(records, "force") if not r.measurement.driven]
         driven = (mass, gain * max((peak_bend(r, rate, known) for r in records), default=0.0) or rate**2 * gain, rate)
         friction = self.models.friction.search_ranges(*(np.median(contacts, axis=0) if contacts else driven))
         ranges = {f"friction.{name}": ends for name, ends in friction.items()}
@@ -271,8 +271,8 @@ def _trial_costs(
 ) -> Float[np.ndarray, " trials"]:
     """The sum of the `loss` over the first periods of the records `used`, by the numbers [SI] of each trial.
 
-    The first periods are enough to tell a trial by, and quick where a contact never rests.  What a fit compiles
-    predicts them, too, side by side on all cores.
+    The first periods are enough to rank trials, and quick where a contact never rests.  The compiled function of a fit
+    predicts them, side by side on all cores.
     """
     models, parameters, records = rig
     if any(record.motion is not None for record in used):
@@ -286,13 +286,10 @@ def _trial_costs(
                 record = dataclasses.replace(record, **parts)
             thinned.append(record)
         records = used = thinned
-    frequencies = [frequency_of(record) if record.motion is None else None for record in records]
-    ends = np.array(
-        [
-            float(record.time[0] + PERIODS / frequency if frequency else record.time[-1])
-            for record, frequency in zip(records, frequencies, strict=True)
-        ]
-    )
+    ends = np.zeros(len(records))
+    for place, record in enumerate(records):
+        frequency = frequency_of(record) if record.motion is None else None
+        ends[place] = record.time[0] + PERIODS / frequency if frequency else record.time[-1]
     fitted = [place for place, record in enumerate(records) if record.role == "fit"]
     places = tuple(fitted or range(len(records)))
     compared = [records[place] for place in places]

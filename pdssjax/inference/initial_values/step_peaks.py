@@ -1,13 +1,13 @@
-"""What the extremes of a step response tell of a system with one mode, numbers in and numbers out.
+"""The parameters of a system with one mode from the extremes of its step response.
 
 After a step at t = 0 a second-order system of final value K, natural frequency w and damping ratio xi is extreme at
 
     t_n = n pi / (w sqrt(1 - xi^2)),    y_n = K (1 - (-a)^n),    a = exp(-pi xi / sqrt(1 - xi^2)),
 
-highs and lows in turn.  Read backwards, as in the thesis's appendix 1: half a period is the mean of t_n / n; log a
-the mean of log|y_n / K - 1| / n, the first overshoot weighing as much as all together; and K the sum of y_n
-over that of 1 - (-a)^n.  The last two depend on each other and are iterated, here to rest (there until K moves
-by less than 0.5 %).
+highs and lows in turn.  Inverted as in the thesis's appendix 1: half a period is the mean of t_n / n; log a the mean
+of log|y_n / K - 1| / n, the first overshoot with as much weight as all together; and K the sum of y_n over that of
+1 - (-a)^n.  The last two depend on each other and are iterated until they converge (in the thesis until K changes by
+less than 0.5 %).
 """
 
 from typing import NamedTuple
@@ -16,13 +16,13 @@ import numpy as np
 from jaxtyping import Float
 
 APART = 1.7
-"""An extreme is looked for within so many half periods of the one before: beyond the next, before the one after."""
+"""Half periods after an extreme within which the next one is searched: more than one, less than two."""
 
 _ROUNDS = 30
 """Iterations; at a damping ratio of 0.18 five leave 1e-12 of the final value, at 0.02 twenty."""
 
 _LEAST = 1e-9
-"""Overshoot taken for one that vanishes, of the final value."""
+"""Least overshoot, as a fraction of the final value, so that its logarithm is finite."""
 
 
 class Extremes(NamedTuple):
@@ -38,7 +38,7 @@ class OneMode(NamedTuple):
     """A second-order system under a step; any shape."""
 
     final: Float[np.ndarray, "..."]
-    """Where it comes to rest, in the unit of the heights."""
+    """Final value, in the unit of the heights."""
     natural_frequency: Float[np.ndarray, "..."]
     """[rad/s]"""
     damping_ratio: Float[np.ndarray, "..."]
@@ -80,14 +80,12 @@ def extremes(time: Float[np.ndarray, " n"], height: Float[np.ndarray, "... n"], 
     **Arguments:** `height` above the rest before the step, in its direction, shape (..., n).
     """
     after = np.broadcast_to(time > 0.0, height.shape)
-    where = np.argmax(np.where(after, height, -np.inf), axis=-1)
-    places = [where]
-    first = time[where]
+    places = [np.argmax(np.where(after, height, -np.inf), axis=-1)]
+    half_period = time[places[0]][..., None]
     for n in range(2, count + 1):
-        begun = time[where][..., None]
-        within = (time > begun) & (time <= begun + APART * first[..., None])
-        where = np.argmax(np.where(within, height if n % 2 else -height, -np.inf), axis=-1)
-        places.append(where)
+        before = time[places[-1]][..., None]
+        within = (time > before) & (time <= before + APART * half_period)
+        places.append(np.argmax(np.where(within, height if n % 2 else -height, -np.inf), axis=-1))
     at = np.stack(places, axis=-1)
     return Extremes(time[at], np.take_along_axis(height, at, axis=-1))
 

@@ -24,11 +24,10 @@ class AbstractLoss(eqx.Module):
     """The cost of a residual."""
 
     is_robust: ClassVar[bool] = True
-    """Large residuals size less than their size."""
+    """Whether large residuals cost less than their squares."""
 
     scatter_efficiency: ClassVar[float] = 0.3675
-    """Share of the residuals that would tell as much by their squares as all do by `scatter`: of the median of absolute
-    values of normal noise."""
+    """Efficiency of `scatter` at normal noise, relative to the sum of squares; this is that of the median."""
 
     @abc.abstractmethod
     def root(self, r: Float[Array, "*n"]) -> Float[Array, "*n"]:
@@ -50,10 +49,10 @@ class AbstractLoss(eqx.Module):
         """rho''(r) / 2 of residuals divided by their noise: 1 for a sum of squares."""
 
     def scatter(self, roots: Float[np.ndarray, " n"], freedom: float) -> float:
-        """The standard deviation of the noise over what it was taken for, by `roots` of residuals divided by that.
+        """The standard deviation of the noise over the assumed one, by `roots` of residuals divided by the latter.
 
-        By the median of absolute residuals, which glitches hardly move; `freedom`, the number of residuals less what
-        the fit took of them, is for losses that sum.
+        This is by the median of absolute residuals, which glitches hardly move.  Only losses that sum use `freedom`,
+        the degrees of freedom of the residuals.
         """
         # The standard deviation of normal noise is 1.4826 times the median of its absolute values.
         return 1.4826 * float(np.median(np.abs(self.original(jnp.asarray(roots)))))
@@ -65,16 +64,12 @@ class AbstractLoss(eqx.Module):
         density = lambda r: math.exp(-0.5 * float(self.root(jnp.asarray(r))) ** 2)
         return math.log(2.0 * quad(density, 0.0, math.inf, limit=200)[0])
 
-    def supports(self, method: str, intervals: str) -> bool:
-        """Whether a fit by `method` with `intervals`, words of `identify`, knows what to make of it."""
-        return method == "joint" and intervals == "linear"
-
     def location(self, difference: Float[Array, " n"], weight: Float[Array, "*n"]) -> Scalar:
         """The z at which the loss of (difference - z) weight is least; differentiable in `difference`.
 
-        In the unit of `difference`; a `weight`, one for all or one each, is one over the noise, and 0 leaves out.
-        By iterative reweighting from the median, then one step of Newton, which carries the derivative (implicit
-        function theorem).  Where all are left out all count, so that z is finite.
+        z has the unit of `difference`; a `weight`, one for all or one each, is one over the noise, and 0 leaves out.
+        Iterative reweighting starts from the median; one Newton step follows, which carries the derivative (implicit
+        function theorem).  If all weights are 0 all differences count, so that z is finite.
         """
         counts, inside = counted(difference, weight), lax.stop_gradient(difference)
 
@@ -90,7 +85,7 @@ class AbstractLoss(eqx.Module):
         total = jnp.sum(curvature)
         pull = self.influence((inside - z) * weight) / jnp.where(weight > 0.0, weight, 1.0)
         value = lax.stop_gradient(jnp.where(weight > 0.0, pull, inside - z))
-        # To first order in a change of `difference`; of zero value but for what reweighting has left.
+        # First order in a change of `difference`; its value is zero up to the error of reweighting.
         steps = jnp.where(counts, value + curvature * (difference - inside), 0.0)
         return z + jnp.sum(steps) / jnp.where(total > 0.0, total, 1.0)
 

@@ -35,8 +35,5 @@ class Squares(AbstractLoss):
     def log_volume(self) -> float:
         return 0.5 * math.log(2.0 * math.pi)
 
-    def supports(self, method: str, intervals: str) -> bool:
-        return True
-
     def location(self, difference: Float[Array, " n"], weight: Float[Array, "*n"]) -> Scalar:
         return jnp.mean(difference, where=counted(difference, weight))

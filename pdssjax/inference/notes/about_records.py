@@ -22,11 +22,11 @@ from ..beyond_noise import (
     stays_below_given_noise,
 )
 from ..diagnosis import contradicting
-from ..validation import Missed
+from ..validation import MissedRecord
 
 
-def shown(number: float, unit: str) -> str:
-    """A number in SI as people read it, with its unit."""
+def in_display_unit(number: float, unit: str) -> str:
+    """A number in SI as text, in its usual unit."""
     name, factor = display_unit(unit)
     return f"{number * factor:.4g} {name}".rstrip()
 
@@ -50,19 +50,19 @@ def about_better_optimum(when: str, chi2: float, path: str, number: float) -> st
 def about_outliers(records: Sequence[FittedRecord], enlarged: str, is_robust: bool) -> list[str]:
     """Samples of the `records` that stand out, and where they are all that the model does not explain.
 
-    **Arguments:** what the note says of how errors are `enlarged`; whether the loss is robust.
+    **Arguments:** the sentence on how errors are `enlarged`; whether the loss is robust.
     """
-    found = []
+    figures = []
     for record in records:
         if count := record.outliers.size:
-            off = np.abs(record.measured - record.predicted)[record.outliers]
-            times = listed(f"{t:.6g}" for t in record.time[record.outliers][np.argsort(-off)][:3])
+            sizes = np.abs(record.measured - record.predicted)[record.outliers]
+            times = listed(f"{t:.6g}" for t in record.time[record.outliers][np.argsort(-sizes)][:3])
             largest = "the largest " if count > 3 else ""
-            far = record.display.text(float(off.max()))
-            found.append(f"{count} in {quoted([record])} by up to {far}, {largest}at t = {times} s")
-    if not found:
+            size = record.display.text(float(sizes.max()))
+            figures.append(f"{count} in {quoted([record])} by up to {size}, {largest}at t = {times} s")
+    if not figures:
         return []
-    note = f"Samples stand out of the residuals: {listed(found)}. "
+    note = f"Samples stand out of the residuals: {listed(figures)}. "
     if alone := [record for record in records if outliers_explain(record)]:
         figures = listed(
             f"{above_floor(r):.2g} times the noise between neighbouring samples in {quoted([r])}"
@@ -107,11 +107,11 @@ def about_agreement(diagnosis: Diagnosis | None, method: str = "joint") -> list[
 
 
 _NOISE = 0.9
-"""Share of the residuals that neighbours must scatter for all of them to be noise."""
+"""Least ratio of the scatter of neighbouring residuals to their rms for all of a residual to count as noise."""
 
 
 def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
-    """Residuals of a stack that was read off peaks in the records it was `read` from."""
+    """Residuals, in the records it was `read` from, of a stack that was read off peaks."""
     known = [record for record in read if record.simulated]
     if not known:
         return []
@@ -123,7 +123,7 @@ def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
 
 
 def about_rests(records: Sequence[Record]) -> list[str]:
-    """Fitted records that begin off zero, where nothing says what was before."""
+    """Fitted records whose voltage begins off zero without a conditioning in the study."""
     figures = [f'{r.rest_voltage:.4g} V in "{r.name}"' for r in records if r.rest_voltage is not None]
     if not figures:
         return []
@@ -135,7 +135,7 @@ def about_rests(records: Sequence[Record]) -> list[str]:
 
 
 def about_records(
-    records: Sequence[FittedRecord], factor: float, is_robust: bool, missed: Sequence[Missed] = ()
+    records: Sequence[FittedRecord], factor: float, is_robust: bool, missed: Sequence[MissedRecord] = ()
 ) -> list[str]:
     """Records that the fit does not explain.
 
@@ -205,17 +205,17 @@ def about_records(
 
 
 def _about_slips(unexplained: Sequence[FittedRecord]) -> list[str]:
-    """Records in which slips that come early or late are most of what is left in the slips."""
+    """Records in which a delay of the slips explains most of the residuals within them."""
     figures = []
     for record in unexplained:
         walks = record.measures == "effector" and record.frequency is not None
         found = slip_delay(record.time, record.predicted, record.rest) if walks else None
-        if found is None or abs(found.delay) < SIGNIFICANT * found.standard_error or found.explains < 0.5:
+        if found is None or abs(found.delay) < SIGNIFICANT * found.standard_error or found.explained_share < 0.5:
             continue
         when = "later" if found.delay > 0 else "earlier"
         figures.append(
-            f"in {quoted([record])} {1e3 * abs(found.delay):.2g} ms {when}, {100 * found.explains:.0f} % of what is "
-            "left in them"
+            f"in {quoted([record])} {1e3 * abs(found.delay):.2g} ms {when}, {100 * found.explained_share:.0f} % of "
+            "what is left in them"
         )
     if not figures:
         return []
@@ -225,7 +225,7 @@ def _about_slips(unexplained: Sequence[FittedRecord]) -> list[str]:
     ]
 
 
-def _about_missed(missed: Sequence[Missed]) -> list[str]:
+def _about_missed(missed: Sequence[MissedRecord]) -> list[str]:
     notes = []
     if refuting := [record for record, unknown in missed if not unknown]:
         notes.append(
@@ -252,25 +252,23 @@ def _not_predicted(records: Sequence[FittedRecord]) -> str:
 
 
 def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
-    correlated = [record for record in fitted if neighbours_correlate(record)]
-    if not correlated:
-        return []
-    noisy = [could_be_noise(record) for record in correlated]
-    coloured = [record for record, is_noise in zip(correlated, noisy, strict=True) if is_noise]
-    notes = []
-    if misfits := [record for record, is_noise in zip(correlated, noisy, strict=True) if not is_noise]:
+    coloured, misfits, notes = [], [], []
+    for record in filter(neighbours_correlate, fitted):
+        (coloured if could_be_noise(record) else misfits).append(record)
+    if misfits:
         notes.append(f"Neighbouring residuals are correlated, as the model's errors are, in {quoted(misfits)}.")
     if coloured:
         notes.append(
             f"Neighbouring residuals are correlated in {quoted(coloured)}, and as large along all of the record: "
             "coloured noise, as of a filter in the sensor."
         )
-    notes[-1] += " The true errors are larger than the white standard errors."
+    if notes:
+        notes[-1] += " The true errors are larger than the white standard errors."
     return notes
 
 
 def _about_walking(fitted: Sequence[FittedRecord]) -> list[str]:
-    """Fitted records of which none walks and none shows a force, so that none may show sliding friction."""
+    """Fitted records none of which walks or shows a force, so that none may show sliding friction."""
     moving = [r for r in fitted if r.measures == "effector" and r.frequency]
     if not moving or any(r.measures in ("friction", "force") for r in fitted):
         return []

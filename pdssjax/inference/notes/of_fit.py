@@ -24,16 +24,16 @@ from ..least_squares import START_FAILED
 from ..parameter_transform import ParameterTransform
 from ..problem import determinable_ranges
 from ..record_checks import about_signs
-from ..steady_sines import Inseparable
-from ..validation import Missed
-from .about_records import about_agreement, about_peaks, about_records, about_rests, listed, shown
+from ..steady_sines import InseparableParameters
+from ..validation import MissedRecord
+from .about_records import about_agreement, about_peaks, about_records, about_rests, in_display_unit, listed
 
 UNDAMPED = 0.005
-"""Damping ratio below which a contact or a platform is not to be believed: it would ring for thirty periods."""
+"""Damping ratio below which a resonance of a contact or a platform is implausible: it would ring for thirty periods."""
 
 
 def about_models(models: Models, values: Mapping[str, float]) -> list[str]:
-    """Conditions that tie parameters together, and are broken by what was found."""
+    """Conditions between parameters that the values found break."""
     return [
         f"The parameters found break a condition of the model: {text}. Set min and max so that it holds, or fix "
         "one of them, and fit again."
@@ -84,7 +84,7 @@ CONTRADICTED = 3.0
 def about_starts(declared: Mapping[str, Parameter], parameters: Mapping[str, FittedParameter]) -> list[str]:
     """Sources of the starts that were given from elsewhere than the study."""
     free = [path for path, parameter in parameters.items() if parameter.free]
-    # Not of a fit that began elsewhere, as where it was poor and other starts were tried.
+    # A poor fit may have begun from other starts.
     given = [declared[path].source for path in free if declared[path].start == parameters[path].start]
     return [
         f"Of the {len(free)} free parameters {given.count(source)} started at the numbers of: {source}."
@@ -105,10 +105,11 @@ def about_information(
             parameter = parameters[names]
             note = f"The data say nothing about {names}; its value is where the fit began."
             if moved(parameter):
-                begun, ended = (shown(number, parameter.unit) for number in (_start(parameter), parameter.value))
+                numbers = _start(parameter), parameter.value
+                start, end = (in_display_unit(number, parameter.unit) for number in numbers)
                 note = (
-                    f"The data say nothing about {names} at the values found; on the way there it moved from {begun} "
-                    f"to {ended}, which means nothing."
+                    f"The data say nothing about {names} at the values found; on the way there it moved from {start} "
+                    f"to {end}, which means nothing."
                 )
             notes.append(f"{note} Fix it, or add a record that shows it.")
         elif all(abs(share - 1.0) < 1e-3 for _, share in part):
@@ -133,17 +134,17 @@ def _start(parameter: FittedParameter) -> float:
     return parameter.value if parameter.start is None else parameter.start
 
 
-def about_sines(mixed: Inseparable | None) -> list[str]:
+def about_sines(found: InseparableParameters | None) -> list[str]:
     """Parameters that records of steady sines do not tell apart."""
-    if mixed is None:
+    if found is None:
         return []
-    records, names = listed(f'"{name}"' for name in mixed.records), listed([*mixed.paths, *mixed.beside])
-    at = listed(f"{frequency:.4g} Hz" for frequency in mixed.frequencies)
-    errors = "it has no error" if len(mixed.paths) == 1 else "they have no errors"
-    known, unknown = 2 * len(mixed.frequencies), len(mixed.paths) + len(mixed.beside)
+    records, names = listed(f'"{name}"' for name in found.records), listed([*found.paths, *found.beside])
+    at = listed(f"{frequency:.4g} Hz" for frequency in found.frequencies)
+    errors = "it has no error" if len(found.paths) == 1 else "they have no errors"
+    known, unknown = 2 * len(found.frequencies), len(found.paths) + len(found.beside)
     return [
         f"The records cannot tell {names} apart: a steady sine tells a gain and a phase, {known} numbers "
-        f"of {records} (at {at}), where these are {unknown}. What the fit has of {listed(mixed.paths)} "
+        f"of {records} (at {at}), where these are {unknown}. What the fit has of {listed(found.paths)} "
         f"rests on the shape of the loops alone, as the law of the stack has it, and {errors}. Hold what is known "
         "otherwise (value in the study), or add a step or a sine of another frequency."
     ]
@@ -201,7 +202,7 @@ def about_bounds(
 def _at_bound(declared: Parameter, value: float, side: str, determinable: DeterminableRange | None) -> str:
     given = declared.low if side == "lower" else declared.high
     key = "min" if side == "lower" else "max"
-    head = f"{declared.path} is at its {side} bound, {shown(value, declared.unit)}"
+    head = f"{declared.path} is at its {side} bound, {in_display_unit(value, declared.unit)}"
     if given is not None:
         return (
             f"{head}, the {key} that the study gives, and held there for the errors of the others. Move the bound, "
@@ -217,7 +218,7 @@ def _at_bound(declared: Parameter, value: float, side: str, determinable: Determ
 
 
 def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransform) -> list[str]:
-    """Parameters that ended far from where they began, but for those measured apart, which have a pull."""
+    """Parameters that ended far from their starts; those measured apart have a pull instead."""
     parts = []
     for p in parameters:
         i, begun = scale.paths.index(p.path), _start(p)
@@ -226,7 +227,7 @@ def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransf
         else:
             distance, what = abs(p.value - begun) / scale.unit[i], "{:.3g} times the size of its start"
         if p.measured_apart is None and distance > FAR:
-            ends = f"from {shown(begun, p.unit)} to {shown(p.value, p.unit)}"
+            ends = f"from {in_display_unit(begun, p.unit)} to {in_display_unit(p.value, p.unit)}"
             parts.append(f"{p.path}, {ends}, by {what.format(distance)}")
     if not parts:
         return []
@@ -237,7 +238,7 @@ def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransf
 
 
 def about_measured_apart(parameters: Iterable[FittedParameter]) -> list[str]:
-    """Parameters that the records want elsewhere than where they were measured apart."""
+    """Parameters whose numbers measured apart the records contradict."""
     notes = []
     for parameter in parameters:
         if parameter.measured_apart is None or not abs(parameter.measured_apart.pull) > CONTRADICTED:
@@ -261,8 +262,8 @@ def notes_of(
     null: Sequence[Float[np.ndarray, " p"]],
     weakly_determined: Bool[np.ndarray, " p"],
     factor: float,
-    missed: Sequence[Missed],
-    mixed: Inseparable | None,
+    missed: Sequence[MissedRecord],
+    inseparable: InseparableParameters | None,
 ) -> tuple[str, ...]:
     """All notes on an `estimate` that the user must read.
 
@@ -273,7 +274,7 @@ def notes_of(
     - `factor`: ratio of variances to those of the noise given; where the stack was read off peaks, of the records
       fitted after it.
     - `missed`: records that were not fitted and are not predicted.
-    - `mixed`: parameters that steady sines cannot separate; None where there are none.
+    - `inseparable`: parameters that steady sines cannot separate; None where there are none.
     """
     problem, fit = evidence.problem, evidence.fit
     if fit.message == START_FAILED:
@@ -285,8 +286,8 @@ def notes_of(
         f"The data hardly tell {listed(unsure)}: one standard error is a factor of ten or more. Fix what is known "
         "otherwise, or add a record that shows it."
     ]
-    inseparable = mixed.paths if mixed is not None else ()
-    silent = {*unknown, *unsure, *inseparable, *(path for path in transform.paths if parameters[path].at_bound)}
+    at_bound = (path for path in transform.paths if parameters[path].at_bound)
+    silent = {*unknown, *unsure, *at_bound, *(inseparable.paths if inseparable is not None else ())}
     values = {path: parameter.value for path, parameter in parameters.items()}
     fitted = [record for record in study.records if record.role == "fit"]
     # Records that a stack was read off are not judged by the fit that held it.
@@ -297,7 +298,7 @@ def notes_of(
         *about_starts(study.parameters, parameters),
         *about_information(null, transform.paths, parameters),
         *(weak if unsure else ()),
-        *about_sines(mixed),
+        *about_sines(inseparable),
         *about_bounds(study.bounded_parameters, fit.free, transform, parameters, determinable_ranges(study)),
         *about_distance([parameters[path] for path in transform.paths if path not in silent], transform),
         *about_measured_apart(parameters.values()),

@@ -1,1 +1,1 @@
-"""The right minimum: where else a fit is begun, and when that is worth its cost."""
+"""Fits from several starts, so that the lowest minimum is found, and the rules when they are worth their cost."""

@@ -26,7 +26,7 @@ from ..draws import each_done
 from ..effort import USUAL, Effort
 from ..evidence import Evidence
 from ..initial_values.search import guess_starts, scatter_ranges
-from ..least_squares import MAX_ITERATIONS, Fit, FitMethod, Progress, by_record, evaluated, quiet, summed
+from ..least_squares import MAX_ITERATIONS, Fit, FitMethod, Progress, by_record, evaluated, quiet, with_counts_of
 from ..losses.base import AbstractLoss
 from ..problem import Problem, pose
 from ..solver.lm_state import Ending
@@ -90,7 +90,7 @@ class BestPoint:
         self.point = Point(fit, problem._replace(watch=None), self._starts, covers)
 
 
-def completed(point: Point, report: Progress) -> Fit:
+def with_all_records(point: Point, report: Progress) -> Fit:
     """The fit at a `point`, with the residuals and the Jacobian of all records."""
     if point.covers == 2:
         return point.fit
@@ -99,10 +99,7 @@ def completed(point: Point, report: Progress) -> Fit:
 
 
 def warn_of_memory_use(problem: Problem, starts: Values) -> None:
-    """Warn with `InputWarning` of records whose derivatives take more than 2 GB.
-
-    What is known in closed form is not stepped.
-    """
+    """Warn with `InputWarning` of records whose derivatives take more than 2 GB; closed forms need no steps."""
     residual = problem.residual
     for record in problem.records:
         models, motion = residual.predictor.models, record.motion
@@ -128,7 +125,7 @@ def warn_of_memory_use(problem: Problem, starts: Values) -> None:
 
 
 _FEWEST, _MOST = 2, 10
-"""Times that the noise is found and fitted with; a first guess from a few samples may be far too large."""
+"""Fewest and most rounds of estimating the noise; a first guess from a few samples may be far too large."""
 
 
 def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> tuple[Fit, Problem]:
@@ -137,8 +134,8 @@ def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> 
     sizes = np.array([record.time.size for record in problem.records])
     for number in range(_MOST):
         if not any(unknown) or not np.isfinite(fit.chi2) or (number and fit.ending == Ending.RUNNING):
-            break  # one that has no end yet is weighed once, not fitted for as long again each time
-        freedom = sizes - Evidence(problem, fit).degrees_taken
+            break  # a fit that used up its iterations is reweighted once only, since each round takes as long again
+        freedom = sizes - Evidence(problem, fit).effective_parameters
         parts = zip(by_record(problem, fit), freedom, strict=True)
         scatter = np.array([problem.residual.loss.scatter(part, float(left)) for part, left in parts])
         noise = np.where(unknown, problem.noise * scatter, problem.noise)
@@ -146,14 +143,14 @@ def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> 
             break
         report("weighing the records by the noise found")
         problem = problem._replace(noise=noise)
-        fit = summed(run(problem, problem.decode(fit.free), report), [fit])
+        fit = with_counts_of(run(problem, problem.decode(fit.free), report), [fit])
     return fit, problem
 
 
 class Budget:
-    """Counts the evaluations of every run that it watches, and ends the comparison with other starts.
+    """Counts the evaluations of all runs, and ends the comparison with other starts.
 
-    Once they are spent a run takes a single step, so that the best so far stands.
+    Once the effort's evaluations are spent a run takes a single step, so that the best fit so far stands.
     """
 
     def __init__(self, effort: Effort):
@@ -192,7 +189,7 @@ def best_fit(
     starts, missing = guess_starts(study.models, study.parameters, study.records)
     problem = pose(study, starts, accuracy, loss, effort)
     warn_of_memory_use(problem, starts)
-    if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
+    if is_separable(problem):  # few parameters are searched, and there is no contact, which would make wrong optima
         fit, problem = with_noise(run(problem, starts, report), problem, run, report)
         return Evidence(problem, fit, study), starts
     budget = Budget(effort)
@@ -200,9 +197,9 @@ def best_fit(
     context = RaceContext(study, problem, [], unobserved, tried, report, held_values_explain, effort)
     if missing:
         context.searched_starts = ranked(study.parameters, starts, context)
-        fit = tried(problem, context.searched_starts[0], report, 12)  # it goes on only where that looks promising
+        fit = tried(problem, context.searched_starts[0], report, 12)  # continued only if these iterations are promising
         if not fit.success and Evidence(problem, fit).reduced_chi2 < 2.0:
-            fit = summed(tried(problem, problem.decode(fit.free), report), [fit])
+            fit = with_counts_of(tried(problem, problem.decode(fit.free), report), [fit])
         starts = starts_to_report(context.searched_starts[0], starts, context)
     else:
         fit = tried(problem, starts, report)
@@ -215,7 +212,7 @@ def best_fit(
     if again:
         fit, starts = race(again, fit, starts, context)
     if budget.refused and fit.ending == Ending.RUNNING:  # the best of what was begun, brought to its end
-        fit = summed(run(problem, problem.decode(fit.free), report), [fit])
+        fit = with_counts_of(run(problem, problem.decode(fit.free), report), [fit])
     fit, problem = with_noise(fit, problem, run, report)
     if budget.refused:
         refused = f"; after {budget.spent} evaluations no other start was fitted{effort.advice}"
@@ -254,12 +251,12 @@ def best_of_starts(
     for number, ended in each_done(work, range(count), executor):
         found[number] = ended
         report(f"more starts: {len(found)} of {count}, lowest chi-square {min(e.chi2 for e in found.values()):.6g}")
-    everyone = [(fit, starts), *((found[number], others[number]) for number in range(count))]
-    total = sum(ended.evaluations for ended, _ in everyone)
-    best, begun = min(everyone, key=lambda ended: ended[0].chi2 if ended[0].success else np.inf)
+    ends = [(fit, starts), *((found[number], others[number]) for number in range(count))]
+    total = sum(ended.evaluations for ended, _ in ends)
+    best, begun = min(ends, key=lambda ended: ended[0].chi2 if ended[0].success else np.inf)
     if fit.success and (not best.chi2 < fit.chi2 or _is_same_optimum(best, fit, problem)):
         best, begun = fit, starts
-    return best._replace(evaluations=total), begun, _table(problem, everyone, ranges)
+    return best._replace(evaluations=total), begun, _table(problem, ends, ranges)
 
 
 def _fitted(problem: Problem, run: FitMethod, starts: list[dict[str, float]], number: int) -> Fit:
@@ -267,10 +264,10 @@ def _fitted(problem: Problem, run: FitMethod, starts: list[dict[str, float]], nu
 
 
 def _table(
-    problem: Problem, everyone: list[tuple[Fit, dict[str, float]]], ranges: dict[str, tuple[float, float]]
+    problem: Problem, ends: list[tuple[Fit, dict[str, float]]], ranges: dict[str, tuple[float, float]]
 ) -> Multistart:
     """All ends with their starts, the lowest chi-square first; starts lay in these `ranges`."""
-    ordered = sorted(everyone, key=lambda ended: ended[0].chi2)
+    ordered = sorted(ends, key=lambda ended: ended[0].chi2)
     transform, fits = problem.residual.transform, [fit for fit, _ in ordered]
     return Multistart(
         names=transform.paths,

@@ -1,1 +1,1 @@
-"""The method: a Levenberg-Marquardt step within bounds, the loop around it, and the word on how it ended."""
+"""The solver: Levenberg-Marquardt steps within bounds, the loop around them, and the reason why a run ends."""

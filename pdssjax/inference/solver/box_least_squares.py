@@ -20,15 +20,16 @@ from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar, Truth
+from .lm_state import Vector
 
-_NEAR = 0.1
-"""How well a radius is kept to."""
+_TOLERANCE = 0.1
+"""Relative tolerance of the norm of a solution that the radius limits."""
 
 
 class BoxSolution(NamedTuple):
-    """Where the minimum lies."""
+    """The minimum of a linear least-squares problem between bounds."""
 
-    x: Float[Array, " p"]
+    x: Vector
     at_low: Bool[Array, " p"]
     """Unknowns held at their lower bound."""
     at_high: Bool[Array, " p"]
@@ -38,11 +39,11 @@ class BoxSolution(NamedTuple):
 
 
 Search: TypeAlias = tuple[Scalar, Scalar, Scalar, BoxSolution, Count]
-"""The damping, the ends between which it lies, what it gives, and how many were tried."""
+"""The damping, its lower and upper limit so far, its solution, and the number of dampings tried."""
 
 
 class _Pass(NamedTuple):
-    x: Float[Array, " p"]
+    x: Vector
     at_low: Bool[Array, " p"]
     at_high: Bool[Array, " p"]
     factor: Float[Array, "p p"]
@@ -50,9 +51,7 @@ class _Pass(NamedTuple):
     passes: Count
 
 
-def triangle(
-    jacobian: Float[Array, "n p"], residual: Float[Array, " n"]
-) -> tuple[Float[Array, "p p"], Float[Array, " p"]]:
+def triangle(jacobian: Float[Array, "n p"], residual: Float[Array, " n"]) -> tuple[Float[Array, "p p"], Vector]:
     """R, shape (p, p), and q = Q'r, shape (p,), of a Jacobian's QR factorisation; fewer rows will do."""
     n, p = jacobian.shape
     stacked = jnp.pad(jnp.column_stack([jacobian, residual]), ((0, max(p + 1 - n, 0)), (0, 0)))
@@ -61,24 +60,20 @@ def triangle(
 
 
 def solve_in_ball_and_box(
-    upper: Float[Array, "p p"],
-    projected: Float[Array, " p"],
-    radius: Scalar,
-    low: Float[Array, " p"],
-    high: Float[Array, " p"],
+    upper: Float[Array, "p p"], projected: Vector, radius: Scalar, low: Vector, high: Vector
 ) -> BoxSolution:
     """Solve as `solve_in_box` does, with enough damping to keep ||x|| to within a tenth of `radius`."""
     steepest = jnp.linalg.norm(upper.T @ projected)
-    # Only leaves out directions without information, see `covariance.NO_INFORMATION`.
+    # So small that it only leaves out directions without information (`covariance.NO_INFORMATION`).
     least = 1e-16 * jnp.ones(())
 
-    def go_on(carry: Search) -> Truth:
+    def is_unfinished(carry: Search) -> Truth:
         damping, _, _, found, count = carry
         norm = jnp.linalg.norm(found.x)
-        enough = (norm <= radius * (1.0 + _NEAR)) & ((norm >= radius * (1.0 - _NEAR)) | (damping <= least))
+        enough = (norm <= radius * (1.0 + _TOLERANCE)) & ((norm >= radius * (1.0 - _TOLERANCE)) | (damping <= least))
         return ~enough & (count < 20)
 
-    def try_another(carry: Search) -> Search:
+    def next_damping(carry: Search) -> Search:
         damping, low_end, high_end, found, count = carry
         norm = jnp.linalg.norm(found.x)
         low_end = jnp.where(norm > radius, jnp.maximum(low_end, damping), low_end)
@@ -93,15 +88,11 @@ def solve_in_ball_and_box(
     first = solve_in_box(upper, projected, least, low, high)
     # The norm is at most the gradient's over the damping.
     begin = (least, least, jnp.maximum(2.0 * steepest / radius, 4.0 * least), first, jnp.zeros((), int))
-    return lax.while_loop(go_on, try_another, begin)[3]
+    return lax.while_loop(is_unfinished, next_damping, begin)[3]
 
 
 def solve_in_box(
-    upper: Float[Array, "p p"],
-    projected: Float[Array, " p"],
-    damping: Float[Array, ""],
-    low: Float[Array, " p"],
-    high: Float[Array, " p"],
+    upper: Float[Array, "p p"], projected: Vector, damping: Float[Array, ""], low: Vector, high: Vector
 ) -> BoxSolution:
     """The minimum of ||upper x + projected||^2 + damping ||x||^2 over low <= x <= high, where low <= 0 <= high.
 
@@ -122,7 +113,7 @@ def solve_in_box(
     # The size of a multiplier, relative to the residual, from which it counts; columns have unit norm.
     tolerance = 1e-12 * jnp.linalg.norm(projected)
 
-    def go_on(state: _Pass) -> Truth:
+    def is_unfinished(state: _Pass) -> Truth:
         # Each pass stops or releases one unknown.
         return ~state.done & (state.passes < 4 * projected.size + 4)
 
@@ -133,15 +124,15 @@ def solve_in_box(
         rows = jnp.concatenate([upper * weight, jnp.diag(jnp.where(inside, jnp.sqrt(damping), 1.0))])
         basis, factor = jnp.linalg.qr(rows)
         found = -solve_triangular(factor, basis[: projected.size].T @ (projected + upper @ fixed))
-        aim = jnp.where(inside & jnp.isfinite(found), found, state.x)
-        # As large a share of the way there as stays between the bounds, and the unknowns that stop at one.
-        way, below, above = aim - state.x, inside & (aim < low), inside & (aim > high)
-        safe = jnp.where(way == 0.0, 1.0, way)
+        target = jnp.where(inside & jnp.isfinite(found), found, state.x)
+        # The largest share of the step that stays between the bounds, and the unknowns that it stops at one.
+        step, below, above = target - state.x, inside & (target < low), inside & (target > high)
+        safe = jnp.where(step == 0.0, 1.0, step)
         shares = jnp.where(below, (low - state.x) / safe, jnp.where(above, (high - state.x) / safe, 1.0))
         shares = jnp.clip(shares, 0.0, 1.0)
         share = jnp.min(shares)
         blocked_low, blocked_high = below & (shares <= share), above & (shares <= share)
-        x = jnp.where(inside, state.x + share * (aim - state.x), state.x)
+        x = jnp.where(inside, state.x + share * step, state.x)
         x = jnp.where(blocked_low, low, jnp.where(blocked_high, high, x))
         slope = upper.T @ (upper @ x + projected) + damping * x
         wrong = jnp.where(state.at_low & ~held, -slope, jnp.where(state.at_high & ~held, slope, 0.0))
@@ -155,7 +146,7 @@ def solve_in_box(
             passes=state.passes + 1,
         )
 
-    end = lax.while_loop(go_on, one_pass, begin)
+    end = lax.while_loop(is_unfinished, one_pass, begin)
     return BoxSolution(end.x, end.at_low, end.at_high, end.factor)
 
 
@@ -163,7 +154,7 @@ def nonnegative_least_squares(
     columns: Float[np.ndarray, "n q"], target: Float[np.ndarray, " n"], signed: Bool[np.ndarray, " q"]
 ) -> tuple[Float[np.ndarray, " q"], float]:
     """The x that minimises ||columns x - target||^2, nonnegative but where `signed`, and that minimum."""
-    from scipy.optimize import lsq_linear  # a third of a second that few runs need
+    from scipy.optimize import lsq_linear  # few runs need it, and its import takes a third of a second
 
     norms = np.linalg.norm(columns, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0)

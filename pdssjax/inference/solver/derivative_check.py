@@ -12,31 +12,30 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar, ScalarLike, Truth
+from .lm_state import Vector
 
 SIZES = (4.0, 0.5, 0.06, 0.008)
 """Change of the residual by each half of a difference, in standard deviations of the residual."""
 
 DIRECTIONS = 2
-"""In which differences are taken: a random and the proposed one."""
+"""Directions in which differences are taken: a random and the proposed one."""
 
 CHECKS = DIRECTIONS * len(SIZES)
-"""Differences at most."""
+"""Largest number of differences."""
 
 TOLERANCE = 0.1
-"""Discrepancy that is let pass, relative to the difference; and absolutely, in standard deviations."""
+"""Discrepancy that is tolerated, relative to the difference; and absolutely, in standard deviations."""
 
-_FARTHEST = 0.02
+_LONGEST_MOVE = 0.02
 """Longest move of a parameter along a direction, relative to its size or to one."""
 
-_SMALLEST = 1e-6
+_SMALLEST_CHANGE = 1e-6
 """Least change of the residual, relative to what the parameters themselves amount to: above rounding."""
 
 AGREES, DISCONTINUOUS, WRONG = 0, 1, 2
 
 
-def noise_scale(
-    residual: Float[Array, " n"], jacobian: Float[Array, "n p"], y: Float[Array, " p"], atol: ScalarLike
-) -> Scalar:
+def noise_scale(residual: Float[Array, " n"], jacobian: Float[Array, "n p"], y: Vector, atol: ScalarLike) -> Scalar:
     """Standard deviation of the residual, or where it vanishes what rounding lets one see and what matters.
 
     At least so large that a discrepancy counts only where it stands for a sum of squares of more than `atol`: of a
@@ -45,27 +44,23 @@ def noise_scale(
     spread = jnp.linalg.norm(residual) / jnp.sqrt(max(residual.size - y.size, 1))
     spread = jnp.maximum(spread, jnp.sqrt(jnp.asarray(atol, y.dtype)) / TOLERANCE)
     norms = jnp.linalg.norm(jacobian, axis=0)
-    # The median, so that one column that is wrong by orders of magnitude does not hide itself.
-    return jnp.maximum(spread, _SMALLEST * jnp.median(norms * jnp.maximum(jnp.abs(y), 1e-3)) + 1e-300)
+    # The median: one column that is wrong by orders of magnitude must not raise the scale by which it is judged.
+    return jnp.maximum(spread, _SMALLEST_CHANGE * jnp.median(norms * jnp.maximum(jnp.abs(y), 1e-3)) + 1e-300)
 
 
-def random_direction(
-    jacobian: Float[Array, "n p"], y: Float[Array, " p"], free: Bool[Array, " p"], scale: Scalar
-) -> Float[Array, " p"]:
+def random_direction(jacobian: Float[Array, "n p"], y: Vector, free: Bool[Array, " p"], scale: Scalar) -> Vector:
     """A direction in which each free parameter moves the residual alike; a parameter without effect moves a little."""
     norms = jnp.linalg.norm(jacobian, axis=0)
-    limit = _FARTHEST * jnp.maximum(jnp.abs(y), 1.0)
+    limit = _LONGEST_MOVE * jnp.maximum(jnp.abs(y), 1.0)
     signs = jax.random.normal(jax.random.key(0), y.shape, y.dtype)
     direction = jnp.where(norms > 0, signs / jnp.where(norms > 0, norms, 1.0), limit * signs) * free
     return scaled_direction(direction, jacobian, y, scale)
 
 
-def scaled_direction(
-    direction: Float[Array, " p"], jacobian: Float[Array, "n p"], y: Float[Array, " p"], scale: Scalar
-) -> Float[Array, " p"]:
+def scaled_direction(direction: Vector, jacobian: Float[Array, "n p"], y: Vector, scale: Scalar) -> Vector:
     """The `direction`, scaled to change the residual by `scale`, but to move no parameter far."""
     change = jnp.linalg.norm(jacobian @ direction)
-    longest = jnp.max(jnp.abs(direction) / (_FARTHEST * jnp.maximum(jnp.abs(y), 1.0)))
+    longest = jnp.max(jnp.abs(direction) / (_LONGEST_MOVE * jnp.maximum(jnp.abs(y), 1.0)))
     factor = jnp.minimum(scale / jnp.maximum(change, 1e-300), 1.0 / (SIZES[0] * jnp.maximum(longest, 1e-300)))
     return direction * jnp.where(jnp.isfinite(factor), factor, 0.0)
 
@@ -109,8 +104,8 @@ def next_check(
 def is_kink(ends: Float[Array, "2 n"], linear: Float[Array, "2 n"], residual: Float[Array, " n"]) -> Truth:
     """Whether the residual's slope changes between the `ends` of a difference, and explains what the Jacobian misses.
 
-    A Jacobian that is right on either side, or for each sample on one, lies between both slopes; where the residual is
-    smooth they are the same, and a wrong one does not.
+    A Jacobian that is right on one side, or for each sample on some side, lies between the slopes on both sides.  A
+    wrong one does not: where the residual is smooth both slopes are equal.
     """
     before, after = residual - ends[1], ends[0] - residual
     predicted = 0.5 * (linear[0] - linear[1])

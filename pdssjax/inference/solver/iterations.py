@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...core import Tree, kept_jit
-from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judgement, ResidualFunction, linearised
-from .lm_state import Ending, LMState
+from .levenberg_marquardt import BoundedLevenbergMarquardt, Judgement, ResidualFunction, linearised
+from .lm_state import Ending, LMState, Vector
 from .trust_region import Bounds, Trial, first_point, second_point, trial_point
 
 Point: TypeAlias = Float[Array | np.ndarray, " p"]
@@ -24,7 +24,7 @@ Linearised: TypeAlias = tuple[tuple[Float[Array, " n"], Tree], tuple[Float[Array
 
 
 class Evaluations(Protocol):
-    """A residual as what is compiled: for values, and for values with the Jacobian."""
+    """Compiled evaluations of a residual: its values alone, and its values with the Jacobian."""
 
     def values(self, point: Point) -> tuple[Float[Array, " n"], Tree]:
         """The residuals, and what goes with them."""
@@ -35,8 +35,8 @@ class Evaluations(Protocol):
         ...
 
 
-class OfFunction(NamedTuple):
-    """The evaluations of any `function(point, args)` that JAX can trace."""
+class FunctionEvaluations(NamedTuple):
+    """Compiled evaluations of any `function(point, args)` that JAX can trace."""
 
     function: ResidualFunction
     args: Tree
@@ -112,8 +112,8 @@ def _linearised(function: ResidualFunction, point: Point, args: Tree) -> Lineari
 @kept_jit
 def _plan_trial(
     solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, state: LMState
-) -> tuple[Trial, Free, Free]:
-    """The trial, what it evaluates first if it does, and else last."""
+) -> tuple[Trial, Vector, Vector]:
+    """The trial, its first point (a probe or one end of a difference), and the end of its straight step."""
     point = jnp.asarray(point)
     trial = solver.trial(point, bounds, state)
     straight = trial_point(point, trial.proposal.step, trial.proposal, bounds)
@@ -127,7 +127,7 @@ def _judge(
     bounds: Bounds,
     state: LMState,
     trial: Trial,
-    step: Free,
+    step: Vector,
     ends: tuple[Float[Array, " n"], Float[Array, " n"]],
 ) -> Judgement:
     return solver.judge(jnp.asarray(point), bounds, state, trial, step, jnp.stack(ends))

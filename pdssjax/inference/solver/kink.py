@@ -13,16 +13,16 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .iterations import Run, begin, iterate, iterates
-from .lm_state import STOPPED, Ending, LMState
+from .iterations import Point, Run, begin, iterate, iterates
+from .lm_state import STOPPED, Ending, LMState, Vector
 
-_MOST = 8
+_MOST_STEPS = 8
 """Steps along a kink."""
 
-_WITHIN = 1e-12
-"""Room at the bounds, by effect on the residual, that a solver of box problems asks for."""
+_BOX_ROOM = 1e-12
+"""Least distance between bounds that `lsq_linear` accepts, by effect on the residual."""
 
 _SHARES = tuple(0.5**power for power in range(11))
 """Fractions of a step along a kink that are tried: the kink may bend away from it."""
@@ -31,31 +31,19 @@ _HALVINGS, _COMPARED = 16, 4
 """Halvings of the stretch with the kink; the change of slope is compared with that `_COMPARED` halvings before."""
 
 
-class Mixture(NamedTuple):
-    """The mixture of the Jacobians on both sides of a kink that promises the least decrease."""
-
-    predicted: float
-    """Decrease of the sum of squares; infinite where the slope falls across the kink: that is a ridge."""
-    step: Float[np.ndarray, " p"]
-    """Leads along the kink."""
-
-
-def along_kink(
-    run: Run, y: Float[Array | np.ndarray, " p"], state: LMState
-) -> tuple[Float[Array | np.ndarray, " p"], LMState, float]:
+def along_kink(run: Run, y: Point, state: LMState) -> tuple[Point, LMState, float]:
     """Continue a run that ended in `Ending.KINK` along the kink, while that lowers the sum of squares.
 
     **Returns:** the point, its state, and the decrease of the sum of squares that is still predicted there.
     """
     bounds = {end: np.asarray(at) for end, at in run.bounds.items()}
     blank, least = begin(run, np.asarray(y), state.residual, state.aux), np.inf
-    for _ in range(_MOST):
+    for _ in range(_MOST_STEPS):
         sides = [iterate(run, side, blank)[1] for side in state.across]
-        mixture = least_promising(state, sides, y, bounds)
-        least, squares = mixture.predicted, _squares(state)
+        (least, step), squares = least_promising(state, sides, y, bounds), _squares(state)
         if not float(run.solver.invisible) * squares < least < np.inf:
             break
-        lower = _lower(run, y, mixture.step, squares, blank)
+        lower = _lower(run, y, step, squares, blank)
         if lower is None:
             break
         y, last = lower
@@ -66,9 +54,9 @@ def along_kink(
 
 
 def _lower(
-    run: Run, y: Float[Array | np.ndarray, " p"], step: Float[np.ndarray, " p"], squares: float, blank: LMState
-) -> tuple[Float[Array | np.ndarray, " p"], LMState] | None:
-    """Where a run ends below `squares` that begins after a `step` along a kink, or a part of it; None if none does."""
+    run: Run, y: Point, step: Float[np.ndarray, " p"], squares: float, blank: LMState
+) -> tuple[Point, LMState] | None:
+    """The end, below `squares`, of a run that starts after a `step` along a kink or a part of one; None without any."""
     for share in _SHARES:
         to = jnp.asarray(np.clip(np.asarray(y) + share * step, run.bounds["lower"], run.bounds["upper"]))
         _, started, _ = iterate(run, to, blank)
@@ -83,32 +71,30 @@ def _lower(
     return None
 
 
-def beside_kink(
-    run: Run, y: Float[Array | np.ndarray, " p"], state: LMState
-) -> tuple[Float[Array | np.ndarray, " p"], LMState]:
+def beside_kink(run: Run, y: Point, state: LMState) -> tuple[Point, LMState]:
     """The kink that stopped a run beside it, with the ending `Ending.KINK`; the run's own end where there is none.
 
-    Along the step that is proposed there the sum of squares falls up to the kink and rises beyond it.  Steps that would
-    cross the kink gain nothing, shorter ones little; and differences as long as a standard error may show too little of
-    it, since the slopes of most residuals stay.
+    Along the proposed step the sum of squares falls up to the kink and rises beyond.  Steps across the kink gain
+    nothing and shorter ones little.  Differences as long as a standard error may hide the kink, since most residuals
+    keep their slopes.
     """
     if int(state.ending) not in STOPPED:
         return y, state
     blank, bounds = begin(run, np.asarray(y), state.residual, state.aux), run.bounds
     step = np.asarray(state.proposed_step)
 
-    def point_at(share: float, to: Float[Array, " p"], there: LMState) -> _Point:
+    def kink_point(share: float, free: Vector, there: LMState) -> _KinkPoint:
         change = np.asarray(there.jacobian) @ step
-        return _Point(share, to, there, change, float(change @ np.asarray(there.residual)))
+        return _KinkPoint(share, free, there, change, float(change @ np.asarray(there.residual)))
 
-    def at(share: float) -> _Point:
+    def evaluated(share: float) -> _KinkPoint:
         to = jnp.asarray(np.clip(np.asarray(y) + share * step, bounds["lower"], bounds["upper"]))
-        return point_at(share, to, iterate(run, to, blank)[1])
+        return kink_point(share, to, iterate(run, to, blank)[1])
 
-    before, beyond, count = point_at(0.0, jnp.asarray(y), state), None, 0
+    before, beyond, count = kink_point(0.0, jnp.asarray(y), state), None, 0
     # Shares of the step, the nearest first.
     for share in (4.0**power for power in range(-10, 1)):
-        point, count = at(share), count + 1
+        point, count = evaluated(share), count + 1
         if point.slope >= 0.0:
             beyond = point
             break
@@ -117,7 +103,7 @@ def beside_kink(
         return y, state
     rises = [beyond.slope - before.slope]
     for _ in range(_HALVINGS):
-        middle, count = at(0.5 * (before.share + beyond.share)), count + 1
+        middle, count = evaluated(0.5 * (before.share + beyond.share)), count + 1
         before, beyond = (middle, beyond) if middle.slope < 0.0 else (before, middle)
         rises.append(beyond.slope - before.slope)
     lower = min(before, beyond, key=lambda point: _squares(point.state))
@@ -133,10 +119,10 @@ def beside_kink(
     return lower.free, lower.state._replace(ending=ended, checked=state.checked, across=across, **counted)
 
 
-class _Point(NamedTuple):
+class _KinkPoint(NamedTuple):
     share: float
     """Fraction of the step."""
-    free: Float[Array, " p"]
+    free: Vector
     state: LMState
     change: Float[np.ndarray, " n"]
     """Predicted change of the residual over the whole step, by the Jacobian at this point."""
@@ -149,24 +135,24 @@ def _squares(state: LMState) -> float:
 
 
 def least_promising(
-    state: LMState,
-    sides: Sequence[LMState],
-    y: Float[Array | np.ndarray, " p"],
-    options: dict[str, Float[np.ndarray, " p"]],
-) -> Mixture:
+    state: LMState, sides: Sequence[LMState], y: Point, options: dict[str, Float[np.ndarray, " p"]]
+) -> tuple[float, Float[np.ndarray, " p"]]:
     """The mixture of the Jacobians on both `sides` of the kink at `y` whose best step within the bounds promises least.
 
     **Arguments:** the states at `y` and at the two points that the first has `across` the kink.
+
+    **Returns:** the decrease of the sum of squares that it predicts, infinite on a ridge, where the slope falls across
+    the kink; and its step, which leads along the kink.
     """
-    from scipy.optimize import fminbound, lsq_linear  # a third of a second that few runs need
+    from scipy.optimize import fminbound, lsq_linear  # few runs need it, and its import takes a third of a second
 
     y, (ahead, behind) = np.asarray(y, float), np.asarray(state.across, float)
     here, there = (np.asarray(side.jacobian, float) for side in sides)
     residual, *beside = (np.asarray(of.residual, float) for of in (state, *sides))
     if not all(np.all(np.isfinite(values)) for values in (here, there, *beside)):
-        return Mixture(np.inf, np.zeros_like(y))
+        return np.inf, np.zeros_like(y)
     if (here.T @ beside[0] - there.T @ beside[1]) @ (ahead - behind) < 0.0:
-        return Mixture(np.inf, np.zeros_like(y))
+        return np.inf, np.zeros_like(y)
     low, high = (np.asarray(options[end], float) for end in ("lower", "upper"))
     size = np.maximum(np.linalg.norm(here, axis=0), np.linalg.norm(there, axis=0))
     free = (low < high) & (size > 0)
@@ -175,7 +161,7 @@ def least_promising(
     stacked = np.column_stack([here[:, free] / size, there[:, free] / size, residual])
     triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
     first, second, right = triangle[:, : size.size], triangle[:, size.size : -1], triangle[:, -1]
-    box = (low - y)[free] * size - _WITHIN, (high - y)[free] * size + _WITHIN
+    box = (low - y)[free] * size - _BOX_ROOM, (high - y)[free] * size + _BOX_ROOM
 
     def predicted(share: float) -> tuple[float, Float[np.ndarray, " p"]]:
         found = lsq_linear((1.0 - share) * first + share * second, -right, bounds=box)
@@ -185,4 +171,4 @@ def least_promising(
     gain, scaled = min((predicted(share) for share in (0.0, inside, 1.0)), key=lambda of: of[0])
     step = np.zeros_like(y)
     step[free] = scaled / size
-    return Mixture(max(0.0, gain), step)
+    return max(0.0, gain), step

@@ -45,7 +45,7 @@ from .derivative_check import (
     random_direction,
     scaled_direction,
 )
-from .lm_state import STOPPED, SUCCESSES, Auxiliary, Ending, LMState
+from .lm_state import STOPPED, SUCCESSES, Auxiliary, Ending, LMState, Vector
 from .trust_region import (
     Bounds,
     Trial,
@@ -66,14 +66,11 @@ _AT_BOUND = 1e-9
 _ROUNDING = 1e-13
 """Relative decrease of the sum of squares that rounding may hide."""
 
-_FINE = 1e-6
+_STRAIGHT = 1e-6
 """Predicted decrease, relative to the sum of squares, below which steps are short enough to be straight."""
 
-Free: TypeAlias = Float[Array, " p"]
-"""The free parameters."""
-
 Point: TypeAlias = Any
-"""The caller's parameters, a pytree of floating-point arrays; of a fit the vector `Free`."""
+"""The caller's parameters, a pytree of floating-point arrays; of a fit a `Vector`."""
 
 ResidualFunction: TypeAlias = Callable[[Any, Any], tuple[Any, Auxiliary]]
 """(point, args) to the residuals and what goes with them."""
@@ -87,7 +84,7 @@ class Judgement(NamedTuple):
 
     state: LMState
     """The state after it, if it is not accepted."""
-    proposed: Free
+    proposed: Vector
     accepted: Truth
     radius: Scalar
     gained: Scalar
@@ -120,7 +117,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
     """Converged where cosine squared and predicted reduction, relative to the sum of squares, are below this."""
     atol: float = 0.0
     """Decrease of the sum of squares below which a run has converged, too."""
-    norm: Callable[[Float[Array, " p"]], Scalar] = eqx.field(static=True, default=optx.max_norm)
+    norm: Callable[[Vector], Scalar] = eqx.field(static=True, default=optx.max_norm)
     slow: float = 0.0
     """A step that lowers the sum of squares by less than this share, or than rounding may, is slow."""
     invisible: float = 0.0
@@ -151,7 +148,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         f_struct = jax.ShapeDtypeStruct((sum(s.size for s in structs),), jnp.result_type(*(s.dtype for s in structs)))
         blank = lambda s: jnp.zeros(s.shape, s.dtype)
         columns = lambda s: jnp.zeros((*s.shape, y.size), s.dtype)
-        unity, none = jnp.ones(()), jnp.zeros((), int)
+        one, zero = jnp.ones(()), jnp.zeros((), int)
         return LMState(
             residual=blank(f_struct),
             jacobian=columns(f_struct),
@@ -160,22 +157,22 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
             upper=jnp.zeros((y.size, y.size)),
             projected=jnp.zeros_like(y),
             size=jnp.zeros_like(y),
-            radius=jnp.inf * unity,
+            radius=jnp.inf * one,
             proposed_step=jnp.zeros_like(y),
-            predicted_reduction=jnp.inf * unity,
-            cosine=unity,
-            rounding=0.0 * unity,
+            predicted_reduction=jnp.inf * one,
+            cosine=one,
+            rounding=0.0 * one,
             unevaluated=jnp.array(True),
             accepted=jnp.array(False),
-            iterations=none,
-            evaluations=none,
-            rejected=none,
-            slow_steps=none,
-            ending=none,
+            iterations=zero,
+            evaluations=zero,
+            rejected=zero,
+            slow_steps=zero,
+            ending=zero,
             curved=jnp.array(False),
-            checked=none,
+            checked=zero,
             discrepancies=jnp.full((DIRECTIONS, len(SIZES)), jnp.inf),
-            jump=0.0 * unity,
+            jump=0.0 * one,
             across=jnp.stack([y, y]),
         )
 
@@ -199,7 +196,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         after = lax.cond(judged.accepted, move, lambda: judged.state)
         return unravel(jnp.where(after.accepted, judged.proposed, vector)), after, after.aux
 
-    def trial(self, y: Free, options: Bounds, state: LMState) -> Trial:
+    def trial(self, y: Vector, options: Bounds, state: LMState) -> Trial:
         """The points that an iteration is about to evaluate."""
         # A straight step costs one evaluation; where one fell short, a bent one may be worth two, and those after it.
         checking = state.ending != Ending.RUNNING
@@ -208,13 +205,13 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         return Trial(proposal, jnp.stack(_difference_ends(state, y, options, self.atol)), checking, bending)
 
     def judge(
-        self, y: Free, options: Bounds, state: LMState, trial: Trial, step: Free, ends: Float[Array, "2 n"]
+        self, y: Vector, options: Bounds, state: LMState, trial: Trial, step: Vector, ends: Float[Array, "2 n"]
     ) -> Judgement:
         """What the evaluations of a `trial` say of its `step`: the residuals at its probe and its end, or apart."""
         proposal, residual = trial.proposal, ends[1]
         proposed = jnp.where(state.unevaluated, y, trial_point(y, step, proposal, options))
         squares, predicted = jnp.sum(residual**2), proposal.predicted
-        # As a difference of two sums of squares it would be lost in rounding near the end.
+        # Near the end the difference of two sums of squares would be lost in rounding.
         gained = jnp.sum((state.residual - residual) * (state.residual + residual))
         ratio = jnp.where(state.unevaluated, 0.5, gained / jnp.where(predicted > 0, predicted, 1.0))
         accepted = ~trial.checking & jnp.isfinite(squares) & (state.unevaluated | ((predicted > 0) & (ratio > 1e-4)))
@@ -233,9 +230,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         """`state` after the step of a `trial` that was accepted, to where the function gives `out` with `slopes`."""
         proposal, before = trial.proposal, _counted(state, trial)
 
-        def settle() -> LMState:
+        def moved_with_slopes() -> LMState:
             slow = ~state.unevaluated & (judged.gained < jnp.maximum(self.slow * judged.squares, state.rounding))
-            curved = (trial.bending | (judged.ratio < 0.75)) & (proposal.predicted > _FINE * judged.squares)
+            curved = (trial.bending | (judged.ratio < 0.75)) & (proposal.predicted > _STRAIGHT * judged.squares)
             moved = _with_slopes(before, judged.proposed, out, slopes)
             moved = moved._replace(
                 radius=jnp.where(state.unevaluated, first_radius(moved, judged.proposed), judged.radius),
@@ -248,9 +245,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
             )
             return _with_prediction(moved, judged.proposed, options)
 
-        # From a point whose slopes are not known nothing tells where to go: it is as good as one without a value.
-        usable = jnp.all(jnp.isfinite(slopes[0]))
-        return self._with_ending(lax.cond(usable, settle, lambda: _with_rejection(before, shortened(state, proposal))))
+        # A point without finite slopes is rejected like one without a finite value: no step can be planned from there.
+        usable, rejection = jnp.all(jnp.isfinite(slopes[0])), _with_rejection(before, shortened(state, proposal))
+        return self._with_ending(lax.cond(usable, moved_with_slopes, lambda: rejection))
 
     def _with_ending(self, state: LMState) -> LMState:
         squares = jnp.sum(state.residual**2)
@@ -273,7 +270,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         )
 
     def _with_comparison(
-        self, state: LMState, ends: Float[Array, "2 n"], apart: Float[Array, "2 p"], y: Float[Array, " p"]
+        self, state: LMState, ends: Float[Array, "2 n"], apart: Float[Array, "2 p"], y: Vector
     ) -> LMState:
         """`state` after one more comparison of the Jacobian with a difference; agreement skips the smaller size."""
         scale = noise_scale(state.residual, state.jacobian, y, self.atol)
@@ -292,15 +289,15 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         explained = state.predicted_reduction <= jnp.maximum(jump, self.invisible * squares)
         discontinuous = jnp.where(explained & (jump <= small), Ending.SMALL_JUMP, Ending.DISCONTINUITY)
         kinked = (verdict == WRONG) & is_kink(ends, linear, state.residual)
-        said = jnp.where(verdict == DISCONTINUOUS, discontinuous, Ending.WRONG_DERIVATIVE)
-        said = jnp.where(kinked, Ending.KINK, said)
+        verdict_ending = jnp.where(verdict == DISCONTINUOUS, discontinuous, Ending.WRONG_DERIVATIVE)
+        verdict_ending = jnp.where(kinked, Ending.KINK, verdict_ending)
         final = (state.ending == Ending.DISCONTINUITY) | (state.ending == Ending.WRONG_DERIVATIVE)
         return state._replace(
             discrepancies=state.discrepancies.at[at].set(error),
             checked=following,
             jump=jump,
             across=jnp.where(kinked, apart, state.across),
-            ending=jnp.where((verdict != AGREES) & ~final, said, state.ending).astype(state.ending.dtype),
+            ending=jnp.where((verdict != AGREES) & ~final, verdict_ending, state.ending).astype(state.ending.dtype),
         )
 
     def terminate(
@@ -340,14 +337,14 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
 
 
 def _evaluated(
-    fn: ResidualFunction, y: Free, args: Arguments, options: Bounds, state: LMState, trial: Trial
-) -> tuple[Free, Float[Array, "2 n"]]:
+    fn: ResidualFunction, y: Vector, args: Arguments, options: Bounds, state: LMState, trial: Trial
+) -> tuple[Vector, Float[Array, "2 n"]]:
     """The step of a `trial`, and the residuals at its two points; in a loop, so that `fn` is compiled once."""
 
-    def evaluate(first: Float[Array, " n"], last: Truth) -> tuple[Float[Array, " n"], tuple[Free, Float[Array, " n"]]]:
+    def evaluate(first: Float[Array, " n"], is_last: Truth) -> tuple[Array, tuple[Vector, Array]]:
         step, at = second_point(y, options, state, trial, first)
-        at = jnp.where(last, at, first_point(y, options, trial))
-        found = lax.cond(last | trial.has_first, lambda: fn(at, args)[0], lambda: state.residual)
+        at = jnp.where(is_last, at, first_point(y, options, trial))
+        found = lax.cond(is_last | trial.has_first, lambda: fn(at, args)[0], lambda: state.residual)
         return found, (step, found)
 
     _, (steps, ends) = lax.scan(evaluate, state.residual, jnp.array([False, True]))
@@ -359,14 +356,14 @@ def _counted(state: LMState, trial: Trial) -> LMState:
 
 
 def _with_rejection(state: LMState, radius: Scalar) -> LMState:
-    """`state` after a rejection; a start that cannot be evaluated stays so, for there is nothing to go on from."""
+    """`state` after a rejection; that of a start that cannot be evaluated stays `unevaluated`."""
     return state._replace(radius=radius, rejected=state.rejected + 1)
 
 
-def linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments) -> tuple[Tree, Tree]:
+def linearised(fn: ResidualFunction, y: Vector, args: Arguments) -> tuple[Tree, Tree]:
     """The outputs of the function, and the Jacobian of each of its two parts."""
 
-    def both(y: Float[Array, " p"]) -> tuple[Tree, Tree]:
+    def both(y: Vector) -> tuple[Tree, Tree]:
         out = fn(y, args)
         return out, out
 
@@ -374,25 +371,18 @@ def linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments) -> 
     return out, slopes
 
 
-def _with_slopes(state: LMState, y: Float[Array, " p"], out: Tree, slopes: Tree) -> LMState:
+def _with_slopes(state: LMState, y: Vector, out: Tree, slopes: Tree) -> LMState:
     (residual, aux), (jacobian, aux_jacobian) = out, slopes
-    # What is left of a column by rounding would have its parameter thrown about, and no gradient ever small.
+    # A column that is rounding only would cause huge steps of its parameter, and keep the cosine from vanishing.
     reach = jnp.linalg.norm(jacobian, axis=0) * jnp.maximum(jnp.abs(y), 1.0)
     jacobian = jnp.where(reach > jnp.finfo(y.dtype).eps * jnp.linalg.norm(residual), jacobian, 0.0)
     size = jnp.maximum(jnp.linalg.norm(jacobian, axis=0), state.size)
     upper, projected = triangle(jacobian, residual)
-    return state._replace(
-        residual=residual,
-        jacobian=jacobian,
-        aux=aux,
-        aux_jacobian=aux_jacobian,
-        size=size,
-        upper=upper,
-        projected=projected,
-    )
+    state = state._replace(residual=residual, jacobian=jacobian, aux=aux, aux_jacobian=aux_jacobian)
+    return state._replace(size=size, upper=upper, projected=projected)
 
 
-def _with_prediction(state: LMState, y: Float[Array, " p"], options: Bounds) -> LMState:
+def _with_prediction(state: LMState, y: Vector, options: Bounds) -> LMState:
     """`state` with the best step within the bounds, its predicted reduction, and the cosines."""
     norms = jnp.linalg.norm(state.jacobian, axis=0)
     best = best_step(state, y, options, norms, jnp.inf * jnp.ones(()))
@@ -412,9 +402,7 @@ def _with_prediction(state: LMState, y: Float[Array, " p"], options: Bounds) -> 
     )
 
 
-def _difference_ends(
-    state: LMState, y: Float[Array, " p"], options: Bounds, atol: ScalarLike
-) -> list[Float[Array, " p"]]:
+def _difference_ends(state: LMState, y: Vector, options: Bounds, atol: ScalarLike) -> list[Vector]:
     scale = noise_scale(state.residual, state.jacobian, y, atol)
     free = (y > options["lower"]) & (y < options["upper"]) & (options["lower"] < options["upper"])
     random = random_direction(state.jacobian, y, free, scale)

@@ -39,6 +39,9 @@ STOPPED = (Ending.SLOW_STEPS, Ending.STALLED, Ending.REJECTED)
 
 SUCCESSES = (Ending.CONVERGED, Ending.WITHIN_ROUNDING, Ending.SMALL_JUMP)
 
+Vector: TypeAlias = Float[Array, " p"]
+"""One number for each of p parameters."""
+
 Auxiliary: TypeAlias = Any
 """Auxiliary output of the function beside the residuals, a pytree; in a fit the offsets of the records."""
 
@@ -53,13 +56,13 @@ class LMState(NamedTuple):
     """The Jacobian of the function's auxiliary output, which costs nothing extra."""
     upper: Float[Array, "p p"]
     """Triangle R of the Jacobian's QR factorisation."""
-    projected: Float[Array, " p"]
+    projected: Vector
     """Q' times the residual."""
-    size: Float[Array, " p"]
+    size: Vector
     """Largest norm seen of each column."""
     radius: Float[Array, ""]
     """Radius of the trust region, in columns of unit norm."""
-    proposed_step: Float[Array, " p"]
+    proposed_step: Vector
     """The linear model's best step within the bounds, undamped."""
     predicted_reduction: Float[Array, ""]
     """Decrease of the sum of squares that the linear model predicts for it; never negative."""

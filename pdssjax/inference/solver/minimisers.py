@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from ...core import InputError, Tree
 from .levenberg_marquardt import BoundedLevenbergMarquardt, ResidualFunction
+from .lm_state import Vector
 
 Minimiser: TypeAlias = optx.AbstractLeastSquaresSolver[Any, Any, Any, Any]
 """Whatever its own state is."""
@@ -68,16 +69,16 @@ def _run(minimiser: Minimiser, fn: Tree, y: Tree, args: Tree, options: dict[str,
 class _Bounded(eqx.Module):
     """Parameters between bounds as functions of unbounded ones."""
 
-    low: Float[Array, " p"]
-    high: Float[Array, " p"]
+    low: Vector
+    high: Vector
 
-    def bounded(self, z: Float[Array, " p"]) -> Float[Array, " p"]:
+    def bounded(self, z: Vector) -> Vector:
         has_low, has_high, low, high = self._ends()
         reach = jnp.sqrt(z**2 + 1.0) - 1.0
         single = jnp.where(has_low, low + reach, jnp.where(has_high, high - reach, z))
         return jnp.where(has_low & has_high, 0.5 * (low + high) + 0.5 * (high - low) * jnp.sin(z), single)
 
-    def unbounded(self, y: Float[Array, " p"]) -> Float[Array, " p"]:
+    def unbounded(self, y: Vector) -> Vector:
         has_low, has_high, low, high = self._ends()
         half = 0.5 * (high - low)
         share = (y - 0.5 * (low + high)) / jnp.where(half > 0.0, half, 1.0)
@@ -95,11 +96,11 @@ class _Inserted(eqx.Module):
     """A residual as a function of the unbounded parameters that are free."""
 
     residual: ResidualFunction
-    whole: Float[Array, " p"]
+    whole: Vector
     free: Tree
     scale: _Bounded
 
-    def point(self, z: Float[Array, " free"]) -> Float[Array, " p"]:
+    def point(self, z: Float[Array, " free"]) -> Vector:
         return self.whole.at[self.free].set(self.scale.bounded(z))
 
     def __call__(self, z: Float[Array, " free"], args: Tree) -> tuple[Float[Array, " n"], Tree]:

@@ -15,13 +15,13 @@ from jaxtyping import Array, Float
 
 from ...core import InputError, Scalar, ScalarLike, Tree, Truth
 from .box_least_squares import BoxSolution, solve_in_ball_and_box
-from .lm_state import LMState
+from .lm_state import LMState, Vector
 
 PROBE = 0.1
 """Share of the step at which the curvature of the residuals is probed."""
 
-_LEAST = 0.1
-"""Share of a bad step that is left to the next one, at least."""
+_SMALLEST_SHARE = 0.1
+"""Least ratio of the radius after a bad step to the one before."""
 
 Bounds: TypeAlias = Mapping[str, Float[Array | np.ndarray, " p"]]
 """Bounds of the parameters: "lower" and "upper"."""
@@ -30,7 +30,7 @@ Bounds: TypeAlias = Mapping[str, Float[Array | np.ndarray, " p"]]
 class Proposal(NamedTuple):
     """A step of the linear model within the bounds, in the parameters' own units."""
 
-    step: Float[Array, " p"]
+    step: Vector
     predicted: Float[Array, ""]
     """Decrease of the sum of squares that the linear model predicts for it."""
     norm: Float[Array, ""]
@@ -38,12 +38,10 @@ class Proposal(NamedTuple):
     slope: Float[Array, ""]
     """Derivative of the sum of squares along it."""
     solution: BoxSolution
-    """What it comes from."""
+    """The box problem's solution that the step comes from."""
 
 
-def best_step(
-    state: LMState, y: Float[Array, " p"], options: Bounds, size: Float[Array, " p"], radius: Scalar
-) -> Proposal:
+def best_step(state: LMState, y: Vector, options: Bounds, size: Vector, radius: Scalar) -> Proposal:
     """The best step of the linear model within the bounds and a trust region, columns divided by `size`."""
     held = (options["lower"] >= options["upper"]) | (size == 0)
     size = jnp.where(size > 0, size, 1.0)
@@ -55,7 +53,7 @@ def best_step(
     return Proposal(found.x / size, -slope - change @ change, jnp.linalg.norm(found.x), slope, found)
 
 
-def first_radius(state: LMState, y: Float[Array, " p"]) -> Scalar:
+def first_radius(state: LMState, y: Vector) -> Scalar:
     """The first radius: steps are no longer than the parameters themselves."""
     norm = jnp.linalg.norm(state.size * y)
     return jnp.where(norm > 0, norm, jnp.maximum(jnp.linalg.norm(state.size), 1e-300))
@@ -64,21 +62,21 @@ def first_radius(state: LMState, y: Float[Array, " p"]) -> Scalar:
 def next_radius(state: LMState, proposal: Proposal, gained: Scalar, squares: Scalar, ratio: Scalar) -> Scalar:
     """The next radius by MINPACK's rule: twice a good step, a tenth to a half of a bad one."""
     before = jnp.sum(state.residual**2)
-    # Where the parabola through both values and the slope at the start has its minimum.
+    # The minimum of the parabola through both values with the slope at the start.
     turning = 0.5 * proposal.slope / jnp.where(proposal.slope + gained < 0, proposal.slope + gained, -jnp.inf)
-    shorter = jnp.where(gained >= 0.0, 0.5, jnp.clip(turning, _LEAST, 0.5))
-    shorter = jnp.where(jnp.isfinite(squares) & (squares < 100.0 * before), shorter, _LEAST)
+    shorter = jnp.where(gained >= 0.0, 0.5, jnp.clip(turning, _SMALLEST_SHARE, 0.5))
+    shorter = jnp.where(jnp.isfinite(squares) & (squares < 100.0 * before), shorter, _SMALLEST_SHARE)
     reduced = shortened(state, proposal, shorter)
     grown = jnp.where(ratio >= 0.75, jnp.maximum(state.radius, 2.0 * proposal.norm), state.radius)
     return jnp.where(ratio > 0.25, grown, reduced)
 
 
-def shortened(state: LMState, proposal: Proposal, factor: ScalarLike = _LEAST) -> Scalar:
-    """The radius after a bad step: a part of it; after one to where nothing is known, the least."""
+def shortened(state: LMState, proposal: Proposal, factor: ScalarLike = _SMALLEST_SHARE) -> Scalar:
+    """The radius after a bad step: a part of the step's length, by default the least."""
     return factor * jnp.minimum(state.radius, 10.0 * proposal.norm)
 
 
-def bend(state: LMState, proposal: Proposal, probed: Float[Array, " n"]) -> Float[Array, " p"]:
+def bend(state: LMState, proposal: Proposal, probed: Float[Array, " n"]) -> Vector:
     """The second-order correction of a step, by the curvature that a probe along it shows."""
     size, solution = jnp.where(state.size > 0, state.size, 1.0), proposal.solution
     turn = (probed - state.residual) / PROBE - state.jacobian @ proposal.step
@@ -90,9 +88,7 @@ def bend(state: LMState, proposal: Proposal, probed: Float[Array, " n"]) -> Floa
     return jnp.where(norm(bent) <= 0.75 * norm(proposal.step), bent, 0.0)
 
 
-def trial_point(
-    y: Float[Array, " p"], step: Float[Array, " p"], proposal: Proposal, options: Bounds
-) -> Float[Array, " p"]:
+def trial_point(y: Vector, step: Vector, proposal: Proposal, options: Bounds) -> Vector:
     """Where a step leads, exactly on the bounds that it keeps to."""
     lower, upper = options["lower"], options["upper"]
     to = jnp.clip(y + step, lower, upper)
@@ -102,8 +98,8 @@ def trial_point(
 
 
 class Trial(NamedTuple):
-    """What an iteration evaluates: a probe along its step, if it bends, and its end; once a run has ended, two points
-    of which the difference is compared with the Jacobian."""
+    """What an iteration evaluates: the end of its step, before it a probe if the step bends; after a run's end, the two
+    points of a difference."""
 
     proposal: Proposal
     apart: Float[Array, "2 p"]
@@ -114,19 +110,19 @@ class Trial(NamedTuple):
 
     @property
     def has_first(self) -> Truth:
-        """Whether anything is evaluated before the end of the step."""
+        """Whether there is a first point: a probe or one end of a difference."""
         return self.bending | self.checking
 
 
-def first_point(y: Float[Array, " p"], options: Bounds, trial: Trial) -> Float[Array, " p"]:
-    """The point that is evaluated first, where there is one."""
+def first_point(y: Vector, options: Bounds, trial: Trial) -> Vector:
+    """The point that is evaluated first, where `trial.has_first`."""
     probe = jnp.clip(y + PROBE * trial.proposal.step, options["lower"], options["upper"])
     return jnp.where(trial.checking, trial.apart[0], probe)
 
 
 def second_point(
-    y: Float[Array, " p"], options: Bounds, state: LMState, trial: Trial, first: Float[Array, " n"]
-) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
+    y: Vector, options: Bounds, state: LMState, trial: Trial, first: Float[Array, " n"]
+) -> tuple[Vector, Vector]:
     """The step, bent as the `first` residual says, and the point that is evaluated last."""
     proposal = trial.proposal
     bent = jnp.where(trial.bending, proposal.step + bend(state, proposal, first), proposal.step)
@@ -142,9 +138,8 @@ def flat_bounds(y: Tree, options: Mapping[str, Tree]) -> Bounds:
 
     **Raises:** `InputError` for another key, and for bounds of another structure or shape.
     """
-    for key in options:
-        if key not in ("lower", "upper"):
-            raise InputError(f'options: found the key {key!r}, expected "lower" and "upper", the bounds.')
+    if others := set(options) - {"lower", "upper"}:
+        raise InputError(f'options: found the key {min(others)!r}, expected "lower" and "upper", the bounds.')
     leaves, structure = jax.tree.flatten(y)
     out = {}
     for name, end in ({"lower": -jnp.inf, "upper": jnp.inf} | dict(options)).items():
@@ -155,17 +150,15 @@ def flat_bounds(y: Tree, options: Mapping[str, Tree]) -> Bounds:
             raise InputError(
                 f'options["{name}"]: found the structure {form}, expected a number or {structure}, as of y0.'
             )
+        filled = []
         for bound, leaf in zip(given, leaves, strict=True):
-            if not _broadcasts(jnp.shape(bound), jnp.shape(leaf)):
-                raise InputError(f'options["{name}"]: found shape {jnp.shape(bound)}, expected {leaf.shape}, as of y0.')
-        filled = [jnp.broadcast_to(jnp.asarray(a, b.dtype), b.shape) for a, b in zip(given, leaves, strict=True)]
+            try:
+                filled.append(jnp.broadcast_to(jnp.asarray(bound, leaf.dtype), leaf.shape))
+            except ValueError:
+                expected = f"expected {leaf.shape}, as of y0."
+                raise InputError(f'options["{name}"]: found shape {jnp.shape(bound)}, {expected}') from None
         out[name], _ = ravel_pytree(filled)
     return out
-
-
-def _broadcasts(shape: tuple[int, ...], to: tuple[int, ...]) -> bool:
-    missing = len(to) - len(shape)
-    return missing >= 0 and all(a in (1, b) for a, b in zip(shape, to[missing:], strict=True))
 
 
 def flat_function(fn: Callable[[Tree, Tree], Tree], unravel: Callable[[Tree], Tree]) -> Callable[[Tree, Tree], Tree]:

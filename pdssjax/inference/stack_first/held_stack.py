@@ -1,17 +1,16 @@
 """Fits with the stack held at numbers found before, and the fit in two steps that way.
 
-In the second of two steps the records of the platform alone have been used and are left out, so that starts, restarts
-and verdicts look at the others only.  Afterwards all records and parameters are put together again, for the statistics
-and for the covariance, which carries the stack's errors on.
+The second of two steps leaves out the records of the platform alone, so that starts, restarts and verdicts depend on
+the others only.  Afterwards all records and parameters are joined again, for the statistics and for the covariance,
+which includes the stack's errors.
 
-A stack that was read off peaks is held where it was read, and wrong by its errors, which the walks show as they show a
-law that lacks something.  So the walks are judged by what they would leave had the stack been free to move as far as
-its errors let it.  To first order that is the least of
+The errors of a stack read off peaks leave residuals in the walks, as a wrong law does.  So the walks are judged by
+their residuals with the stack free to move within its errors.  To first order these have the least of
 
     |r + J d|^2 + d_s' C^-1 d_s
 
-over steps d of all parameters, d_s those of what was read, with its covariance C.  A stack that would have to be off
-by more than chance gives its errors explains nothing.
+over steps d of all parameters, d_s those of the readings, with their covariance C.  If this step exceeds the errors of
+the readings beyond chance, the stack does not explain the residuals.
 """
 
 import dataclasses
@@ -24,7 +23,7 @@ from ...integration import Accuracy
 from ...study import Study, Values, split_path
 from ..covariance import scaled_least_squares
 from ..evidence import Evidence
-from ..least_squares import MAX_ITERATIONS, Fit, Progress, evaluated, fit_phase, quiet, summed
+from ..least_squares import MAX_ITERATIONS, Fit, Progress, evaluated, fit_phase, quiet, with_counts_of
 from ..prior import is_by_chance
 from ..problem import Problem, pose
 from ..search.multistart import Point
@@ -47,7 +46,7 @@ def with_stack_held(study: Study, stack: Mapping[str, float]) -> Study:
     return dataclasses.replace(study.with_values(held), records=records)
 
 
-def rejoined(study: Study, point: Point, accuracy: Accuracy, report: Progress) -> Point:
+def point_of_whole_study(study: Study, point: Point, accuracy: Accuracy, report: Progress) -> Point:
     """The point of a fit with the stack held, as a point of the whole study.
 
     Noise that was not given is that found in the second step, and the floor of the platform's records.
@@ -59,7 +58,7 @@ def rejoined(study: Study, point: Point, accuracy: Accuracy, report: Progress) -
     problem = problem._replace(noise=np.array(noise))
     whole = evaluated(problem, problem.encode({**point.starts, **found}), report)
     fit = whole._replace(success=point.fit.success, message=point.fit.message, ending=point.fit.ending)
-    return Point(summed(fit, [point.fit]), problem, point.starts, point.covers)
+    return Point(with_counts_of(fit, [point.fit]), problem, point.starts, point.covers)
 
 
 def sequential(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
@@ -71,7 +70,7 @@ def sequential(problem: Problem, starts: Values, report: Progress, limit: int = 
     last = with_piezo_held(problem, first.free, report, limit)
     if not first.success:
         last = last._replace(success=False, message=f"piezo: {first.message}", ending=first.ending)
-    return summed(last, [first])
+    return with_counts_of(last, [first])
 
 
 def with_piezo_held(
@@ -85,14 +84,14 @@ def with_piezo_held(
     whole = evaluated(problem, second.free, report)
     state = whole.state._replace(iterations=second.state.iterations, evaluations=second.state.evaluations)
     ended = {"success": second.success, "message": second.message, "ending": second.ending}
-    return summed(whole._replace(state=state, **ended), [second])
+    return with_counts_of(whole._replace(state=state, **ended), [second])
 
 
 def due_to_stack(study: Study, stack: PickedStack, accuracy: Accuracy, fit: Fit, problem: Problem) -> bool:
-    """Whether the walks are explained but for the errors of the `stack` held in this `fit` of a `study`."""
+    """Whether the errors of the `stack` held in this `fit` of a `study` explain the residuals of the walks."""
     numbers = {**problem.residual.fixed, **problem.decode(fit.free)}
     starts = {path: float(number) for path, number in numbers.items()}
-    whole = rejoined(study, Point(fit, problem, starts, 1), accuracy, quiet)
+    whole = point_of_whole_study(study, Point(fit, problem, starts, 1), accuracy, quiet)
     return not with_stack_freed(whole.fit, whole.problem, stack).is_poor
 
 

@@ -1,11 +1,11 @@
-"""Parameters whose optimum lies at a bound: how far inside of it a posterior reaches, as a normal number.
+"""Parameters whose optimum lies at a bound: their distance s from the bound as a normal variable e.
 
     s = +-(x - bound) < S,    (1 - exp(-rho s)) / (1 - exp(-rho S)) = Phi(e)
 
-Chi-square rises from the bound on, and the density inside falls off as an exponential, or as half of a normal
-distribution where chi-square has no slope there.  Randomized residuals do not know of the bound: the steeper chi-square
-is there, the fewer of them have a solution inside.  So s is drawn by itself, from an exponential, whose tail is the
-heavier one, so that weights over it stay bounded.  Its mean is that of the linear model's exp(-g s - h s^2 / 2):
+Chi-square rises from the bound, and the density inside decays exponentially, or as half of a normal distribution where
+chi-square has no slope.  Randomized residuals ignore the bound: the steeper chi-square, the fewer of them have a
+solution inside.  So s is drawn by itself from an exponential, whose heavier tail keeps the weights bounded.  Its mean
+is that of the linear model's exp(-g s - h s^2 / 2):
 
     1 / rho = (lambda(a) - a) / sqrt(h),    a = g / sqrt(h),    lambda = phi / (1 - Phi)
 

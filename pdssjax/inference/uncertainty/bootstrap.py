@@ -1,10 +1,10 @@
 """Bootstrap: the fit repeated on data drawn anew around it, for intervals that need no linear model.
 
-Each replicate is what was fitted plus residuals drawn anew, and a whole fit of it from the optimum (B. Efron and
-R. J. Tibshirani, An Introduction to the Bootstrap, Chapman and Hall 1993).  What is drawn: white noise of the size
-found (the parametric bootstrap); or, where a drive repeats and its samples fall on the same phases, whole cycles of
-residuals, with replacement, so that neighbours stay correlated as they are and the noise may depend on the phase.
-The mean over the cycles, which is misfit, stays where it is.
+Each replicate is the fitted prediction plus residuals drawn anew, and a whole fit of this from the optimum (B. Efron
+and R. J. Tibshirani, An Introduction to the Bootstrap, Chapman and Hall 1993).  The residuals are white noise of the
+estimated size (the parametric bootstrap); or, where a drive repeats and its samples fall on the same phases, whole
+cycles of residuals drawn with replacement, which keeps their correlation and dependence on phase.  The mean over the
+cycles, which is misfit, is not redrawn.
 """
 
 import functools
@@ -17,16 +17,16 @@ from jaxtyping import Float, Int
 
 from ...core import Document
 from ...study import Record
-from ..draws import REPLICATES, Drawing, Resampled, each_done, reading
+from ..draws import REPLICATES, Drawing, Resampled, each_done, refuse_wrong_entries
 from ..least_squares import Fit, FitMethod, Progress, quiet
 from ..problem import Problem
 from .linear_intervals import record_factors
 
 FEWEST_CYCLES = 3
-"""Whole cycles in a record from which they can be drawn."""
+"""Fewest whole cycles of a record that cycles are drawn from."""
 
 _OFF_GRID = 0.02
-"""Samples by which the cycles may leave the grid of samples over a record."""
+"""Largest drift of the cycles against the grid of samples over a record, in samples."""
 
 
 class Replicate(NamedTuple):
@@ -54,7 +54,7 @@ def bootstrap(
     `run` from the optimum, where the `executor` says; None: in this thread.
     """
     count = drawing.count or REPLICATES
-    with reading(drawing.store, "replicates"):
+    with refuse_wrong_entries(drawing.store, "replicates"):
         found = {entry["number"]: _from_document(entry, np.size(fit.free)) for entry in drawing.store.kept()}
     missing = [number for number in range(count) if number not in found]
     factors = record_factors(problem, factor)
@@ -108,8 +108,8 @@ def redrawn(
 def phases_of(record: Record) -> tuple[Int[np.ndarray, " samples"], int] | None:
     """Phases of a record that holds several whole cycles with samples at the same phases; else None.
 
-    **Returns:** at which place of the grid of samples each lies, since some may be left out, and how many places a
-    cycle has.
+    **Returns:** the place of each sample on the grid of all samples, of which some may be left out, and the number of
+    places of a cycle.
     """
     frequency = None if record.drive is None else record.drive.cycle_frequency()
     if not frequency:
@@ -128,9 +128,9 @@ def phases_of(record: Record) -> tuple[Int[np.ndarray, " samples"], int] | None:
 def cycles_redrawn(
     residual: Float[np.ndarray, " n"], places: Int[np.ndarray, " n"], cycle: int, random: np.random.Generator
 ) -> Float[np.ndarray, " n"]:
-    """Residuals whose deviations from the mean over the whole cycles are those of drawn ones.
+    """Residuals with the deviations from the mean of the whole cycles replaced by those of cycles drawn at random.
 
-    **Arguments:** the `places` of the samples on a grid of which a `cycle` has so many.
+    **Arguments:** the `places` of the samples on a grid; the number of places of a `cycle`.
     """
     grid = np.full(cycle * (places[-1] // cycle + 1), np.nan)
     grid[places] = residual

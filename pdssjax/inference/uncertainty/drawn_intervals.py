@@ -1,9 +1,8 @@
 """Intervals by drawing, of a bootstrap or a posterior, in an estimate.
 
-A posterior is drawn on the scale of the fit, but in values where zero is near.  Where a damping may be zero its
-logarithm goes to minus infinity, and the likelihood with it to what it is at zero: no polynomial follows that, and at
-an optimum at zero residuals have no derivative by it.  By the value itself, in standard errors, they are as smooth as
-they are elsewhere.
+A posterior is drawn on the scale of the fit, but parameters near zero by their values.  The logarithm of a damping
+that may be zero reaches minus infinity, with the likelihood at a finite limit: no polynomial follows that, and at an
+optimum at zero residuals have no derivative by the logarithm.  By the value, in standard errors, they are smooth.
 """
 
 import dataclasses
@@ -28,7 +27,7 @@ from .bootstrap import Replicate, bootstrap, phases_of
 from .linear_intervals import NORMAL_95, half_width_95, row_factors
 from .no_u_turn import sample_by_trajectories
 from .posterior import BEYOND, posterior_model, principal_axes, sample_posterior
-from .profile_likelihood import End, Evaluate, Verdict, Which
+from .profile_likelihood import End, EndKey, Evaluate, Verdict
 from .randomize_then_optimize import NothingToDraw
 from .second_order import Linearisation, linearisation_at
 
@@ -91,8 +90,8 @@ def posterior_coordinates(
 ) -> PosteriorCoordinates:
     """Coordinates around an `optimum` of the fit with some parameters `logarithmic`; see `posterior_model`.
 
-    A value is near zero where the linear model has it there within three standard errors, unless it is nearer to its
-    upper bound: what the data do not tell from infinity.
+    A value is near zero where the linear model puts zero within three standard errors, unless the value is nearer to
+    its upper bound: then the data do not tell it from infinity.
     """
     errors = np.linalg.norm(principal_axes(optimum, moving, factor), axis=1)  # of logarithms: relative
     low, high = bounds
@@ -285,7 +284,7 @@ def about_chains(draws: Draws, fewest: float) -> list[str]:
 
 
 def about_tails(
-    parameters: Sequence[ParameterDraws], free: Float[np.ndarray, "chains draws p"], ends: Mapping[Which, End]
+    parameters: Sequence[ParameterDraws], free: Float[np.ndarray, "chains draws p"], ends: Mapping[EndKey, End]
 ) -> list[str]:
     """Notes on parameters of which fewer draws than can be chance lie beyond an end of their likelihood, far out."""
     missing = []
@@ -304,7 +303,7 @@ def about_tails(
     ]
 
 
-def about_endless(paths: Sequence[str], ends: Mapping[Which, End], logarithmic: Bool[np.ndarray, " p"]) -> list[str]:
+def about_endless(paths: Sequence[str], ends: Mapping[EndKey, End], logarithmic: Bool[np.ndarray, " p"]) -> list[str]:
     """Notes on parameters whose likelihood has no end where their values have none: what bounds them is the prior."""
     endless = [
         f"{paths[place]} {'above' if side > 0 else 'below'}"
@@ -320,22 +319,24 @@ def about_endless(paths: Sequence[str], ends: Mapping[Which, End], logarithmic: 
 
 
 def about_better_optima(
-    paths: Sequence[str], ends: Mapping[Which, End], in_si: Callable[[Float[np.ndarray, " p"]], Float[np.ndarray, " p"]]
+    paths: Sequence[str],
+    ends: Mapping[EndKey, End],
+    in_si: Callable[[Float[np.ndarray, " p"]], Float[np.ndarray, " p"]],
 ) -> list[str]:
-    """A note on the best of the points below the optimum that searches for ends have met."""
-    better = {which: end for which, end in ends.items() if end.verdict == Verdict.LOWER}
+    """Write a note on the best point below the optimum that the searches for ends met."""
+    better = [(end.point.chi2, place, end) for (place, _), end in ends.items() if end.verdict == Verdict.LOWER]
     if not better:
         return []
-    (place, _), end = min(better.items(), key=lambda found: found[1].point.chi2)
+    _, place, end = min(better, key=lambda item: item[0])
     number = float(in_si(end.point.at)[place])
     return [about_better_optimum("While the posterior was learned", end.point.chi2, paths[place], number)]
 
 
 def with_draws(estimate: Estimate, draws: Draws, notes: list[str], logarithmic: Bool[np.ndarray, " p"]) -> Estimate:
-    """`estimate` with the intervals of `draws`, where the data say anything.
+    """`estimate` with the intervals of `draws` for identifiable parameters.
 
-    They take the noise for known.  Where it was estimated the ends lie farther out, by as much as Student's t does, on
-    the scale of the fit, but not beyond a bound.
+    Draws take the noise as known.  Where it was estimated, the ends are moved outwards by the ratio of Student's t to
+    the normal quantile, on the scale of the fit, but not beyond a bound.
     """
     parameters, most = dict(estimate.parameters), 1.0
     for drawn, by_logarithm in zip(draws.parameters, logarithmic, strict=True):

@@ -1,4 +1,4 @@
-"""How a least-squares estimate follows the samples, to first order: what every covariance of it is made of.
+"""The influence of the samples on a least-squares estimate, to first order, from which all its covariances follow.
 
 Where the samples are off by e, the estimate is off by H^-1 J' e.  H = J' J + S, S = sum r d2r, is the whole second
 derivative of half the sum of squares: where the model does not explain the data, its residuals r do not average out,
@@ -34,8 +34,8 @@ from ..stack_first.peak_picking import PATHS, PickedStack
 from ..stack_parameters import platform_alone_records, stack_parameters, stack_residuals
 
 LEAST_CURVATURE, MOST_CURVATURE = 0.2, 5.0
-"""Least and most curvature of the sum of squares that is believed, as a share of that of J' J; beyond, the picture is
-too far from quadratic for any covariance."""
+"""Limits of the curvature of the sum of squares, as a share of that of J' J; beyond, the sum of squares is too far from
+quadratic for any covariance."""
 
 LONGEST = 0.1
 """Longest step along a principal direction, in any parameter, on the fit's scale: ten per cent of a positive one."""
@@ -90,7 +90,7 @@ def curvature_of(
 
 
 def _inside(free: Float[np.ndarray, " p"], direction: Float[np.ndarray, " p"], step: float, bounds: Box) -> float:
-    """`step`, or the other way, or a shorter one, so that no bound is crossed; tiny where every one crosses one."""
+    """`step`, its negative, or a shorter one, so that no bound is crossed; tiny where all of them cross one."""
     for _ in range(40):
         for way in (step, -step):
             there = free + way * direction
@@ -258,7 +258,7 @@ def amplification_of(problem: Problem, fit: Fit, identifiable: Bool[np.ndarray, 
     jacobian = np.asarray(fit.state.jacobian)[used]
     relative = transform.slope(fit.free) / np.where(values == 0.0, np.inf, values)
     mixing = transform.own_effect(np.eye(values.size)).T
-    # Where those fitted earlier are held those fitted later are where J_b' r = 0: the first of two steps moves them.
+    # The second step ends where J_b' r = 0, so that a change of the held parameters moves those fitted later.
     sensitivity = -scaled_least_squares(jacobian[:, later], jacobian[:, earlier])
     matrix = mixing[np.ix_(later, later)] @ sensitivity @ np.linalg.inv(mixing[np.ix_(earlier, earlier)])
     paths = np.array(transform.paths)

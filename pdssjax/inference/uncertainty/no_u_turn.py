@@ -31,9 +31,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...core import Document, Scalar
-from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
+from ..draws import CHAINS, DRAWS, Drawing, each_done, refuse_wrong_entries, stream
 from ..least_squares import Progress
-from .posterior import BLOCK, TO_JUDGE, Chains, Model, learn, task_of
+from .posterior import BLOCK, PROPOSAL_WIDTHS, Chains, Model, learn, task_of
 from .profile_likelihood import Evaluate
 from .randomize_then_optimize import NothingToDraw, RandomizedResiduals, Widths, log_proposed
 
@@ -94,16 +94,16 @@ class TransportedDensity(eqx.Module):
 WARM_UP = 150
 """Trajectories from which the length of a step is learned; they are no draws."""
 
-_WARM = -1
-"""The number of the block in which that is done."""
+_WARM_UP_BLOCK = -1
+"""The number of the block of the warm-up."""
 
-_BEGIN = Widths(solved=(1.2,), linear=1.0, share=0.0)
+_START_WIDTHS = Widths(solved=(1.2,), linear=1.0, share=0.0)
 """Widths of the mixture that chains begin in."""
 
 _CANDIDATES = 20
 """Candidates for a chain's start: the first one that the model can be simulated at is taken."""
 
-_SHORT = (0.02, 0.5)
+_STEP_LENGTHS = (0.02, 0.5)
 """Lengths of the short steps, in standard deviations."""
 
 
@@ -126,13 +126,13 @@ def sample_by_trajectories(
     begin.
     """
     wanted = drawing.count or DRAWS
-    blocks = range(_WARM, -(-wanted // BLOCK))
-    with reading(drawing.store, "draws of the chains"):
+    blocks = range(_WARM_UP_BLOCK, -(-wanted // BLOCK))
+    with refuse_wrong_entries(drawing.store, "draws of the chains"):
         p, q = model.axes.shape
         each = dict.fromkeys(("log_posterior", "steps", "acceptance", "diverging"), (BLOCK,))
         first, later = {"end": (q,), "step_size": ()}, {"end": (q,), "free": (BLOCK, p), **each}
         entries = drawing.store.kept()
-        kept = {task_of(entry, first if entry["block"] == _WARM else later): entry for entry in entries}
+        kept = {task_of(entry, first if entry["block"] == _WARM_UP_BLOCK else later): entry for entry in entries}
     if any((chain, block) not in kept for chain in range(chains) for block in blocks):
         learned = TransportMap(learn(model, drawing.seed, executor, report), model.axes, model.held, model.factor)
         target = TransportedDensity(learned, model.evaluate, model.prior_slopes, *model.bounds)
@@ -147,7 +147,7 @@ def sample_by_trajectories(
                 kept[chain, block] = entry
                 done += 1
                 report(f"posterior: {done} of {chains * len(blocks)} blocks of {BLOCK} draws")
-    each = [[kept[chain, block] for block in blocks if block != _WARM] for chain in range(chains)]
+    each = [[kept[chain, block] for block in blocks if block != _WARM_UP_BLOCK] for chain in range(chains)]
     # The density is None where the model cannot be simulated.
     numbers = lambda block, name: np.array(block[name], float if name == "log_posterior" else None)
     whole = lambda name: np.stack([np.concatenate([numbers(b, name) for b in part])[:wanted] for part in each])
@@ -213,12 +213,12 @@ def _block(
 ) -> Document:
     """A block of draws of a chain, or what is learned before the first of them, as plain data."""
     task = {"chain": chain, "block": block}
-    if block == _WARM:
+    if block == _WARM_UP_BLOCK:
         return task | _warmed_up(target, sampler, model, seed, chain)
     random = stream(seed, "move", chain, block)
-    begin, step_size = kept[chain, block - 1]["end"], kept[chain, _WARM]["step_size"]
+    begin, step_size = kept[chain, block - 1]["end"], kept[chain, _WARM_UP_BLOCK]["step_size"]
     going = _Chain(target, sampler, model, step_size, random, np.array(begin, float))
-    proposals = model.proposals(target.map.polynomial, TO_JUDGE, BLOCK, stream(seed, "propose", chain, block))
+    proposals = model.proposals(target.map.polynomial, PROPOSAL_WIDTHS, BLOCK, stream(seed, "propose", chain, block))
     draws = [going.next(*proposed) for proposed in zip(proposals.free, proposals.log_proposed, strict=True)]
     return task | {name: [draw[name] for draw in draws] for name in draws[0]} | {"end": going.w.tolist()}
 
@@ -226,7 +226,7 @@ def _block(
 def _warmed_up(target: TransportedDensity, sampler: _Sampler, model: Model, seed: int, chain: int) -> Document:
     """The start of a chain, and the length of its steps."""
     random = stream(seed, "warm up", chain)
-    places = model.proposals(target.map.polynomial, _BEGIN, _CANDIDATES, random).free
+    places = model.proposals(target.map.polynomial, _START_WIDTHS, _CANDIDATES, random).free
     key = _key(random)
     states = (sampler.begin(target.map.back(w)[0], key) for w in model.along_axes(places))
     state = next((state for state in states if np.isfinite(state.potential_energy)), None)
@@ -258,7 +258,7 @@ class _Chain:
         w: Float[np.ndarray, " q"],
     ):
         self._target, self._sampler, self._model = target, sampler, model
-        self._random, self._mixture = random, model.mixture(target.map.polynomial, TO_JUDGE)
+        self._random, self._mixture = random, model.mixture(target.map.polynomial, PROPOSAL_WIDTHS)
         state = sampler.begin(jnp.zeros(w.size), _key(random), step_size)
         # What is learned of the length of a step ends with the warm-up.
         self._state = state._replace(i=jnp.full_like(state.i, WARM_UP))
@@ -290,7 +290,7 @@ class _Chain:
             self._be_at(proposed, density)
 
     def _step_along_gradient(self) -> None:
-        length = np.exp(self._random.uniform(*np.log(_SHORT)))
+        length = np.exp(self._random.uniform(*np.log(_STEP_LENGTHS)))
         noise = self._random.standard_normal(self.w.size)
         begin, energy, slope = self._state.z, self._state.potential_energy, self._state.z_grad
         end = begin - 0.5 * length**2 * slope + length * noise

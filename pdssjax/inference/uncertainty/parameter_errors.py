@@ -88,10 +88,10 @@ def _most_changed(parameters: Sequence[FittedParameter], before: str, after: str
 
 
 class _ByModel(NamedTuple):
-    """Errors of p parameters by one error model, each on its own scale."""
+    """Errors of p parameters by one error model."""
 
     matrix: Float[np.ndarray, "p p"]
-    """Their covariance, NaN where not known."""
+    """Covariance of the parameters on their own scales, NaN where not known."""
     freedom: Float[np.ndarray, " p"]
     """Degrees of freedom of the noise that it rests on."""
     evidence: list[float]
@@ -105,9 +105,9 @@ def all_error_models() -> list[AbstractErrorModel]:
 
 
 def with_error_models(estimate: Estimate, evidence: Evidence, report: Progress) -> Estimate:
-    """An `estimate` of a fit with the errors of its parameters by all error models, and which of them to believe.
+    """`estimate` with the errors of its parameters by all error models, and the advice which of them to believe.
 
-    As it is where the fit could not start, or no parameter has an error.
+    Unchanged where the fit could not start, or no parameter has an error.
     """
     problem, fit = evidence.problem, evidence.fit
     point = FittedPoint(estimate.method, evidence)
@@ -147,7 +147,7 @@ def with_error_models(estimate: Estimate, evidence: Evidence, report: Progress) 
 
 
 def _record_errors(point: FittedPoint, estimate: Estimate, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
-    """Every fitted record as error models take it; samples stand out as the records of the `estimate` have it."""
+    """Every fitted record as error models take it; the records of the `estimate` tell which samples stand out."""
     problem, evidence = point.problem, point.evidence
     factors = record_factors(problem, evidence.variance_factor)
     jacobian = problem.residual.transform.own_jacobian(point.jacobian)
@@ -160,7 +160,7 @@ def _record_errors(point: FittedPoint, estimate: Estimate, effect: Float[np.ndar
             time=record.time,
             frequency=cycles_a_second(record),
             variance_factor=float(factors[i]),
-            freedom=max(record.time.size - float(evidence.degrees_taken[i]), 1.0),
+            freedom=max(record.time.size - float(evidence.effective_parameters[i]), 1.0),
             noise_freedom=float(evidence.noise_freedom[i]),
             pooled=bool(evidence.noise_is_given[i]),
             outlying=np.isin(np.arange(record.time.size), found.outliers),
@@ -186,8 +186,8 @@ def _covariances(
         set_unknown(matrix, unknown)
         variances = [np.diag(share.covariance) for share in shares]
         freedom, pooled = [share.freedom for share in shares], [share.pooled for share in shares]
-        known_from = effective_freedom(np.diag(matrix), variances, freedom, pooled)
-        out[model.name] = _ByModel(matrix, known_from, [share.evidence for share in shares])
+        freedom = effective_freedom(np.diag(matrix), variances, freedom, pooled)
+        out[model.name] = _ByModel(matrix, freedom, [share.evidence for share in shares])
     return out
 
 
@@ -222,7 +222,7 @@ def robust_effect(
 class StandardErrors(NamedTuple):
     """Standard errors of p free numbers, on the fit's scale."""
 
-    known: Covariance
+    covariance: Covariance
     """Enlarged by the `factor`."""
     naive: Float[np.ndarray, "p p"] | None
     """The covariance that takes the first of two steps for exact, enlarged as well; None of a joint fit."""
@@ -236,7 +236,7 @@ class StandardErrors(NamedTuple):
 
 
 def standard_errors_of(method: Method, evidence: Evidence, stack: PickedStack | None) -> StandardErrors:
-    """The covariances of a fit; with a `stack` from peaks its own is that of the first step."""
+    """The covariances of a fit; a `stack` read off peaks is the first of two steps."""
     evidence = dataclasses.replace(evidence, after_stack=stack is not None)
     problem, loss = evidence.problem, evidence.problem.residual.loss
     point, naive = FittedPoint(method, evidence, stack), None

@@ -1,4 +1,4 @@
-"""Draws from the posterior of a fit, by a polynomial that is learned and corrected by the model.
+"""Draws from the posterior of a fit, by a polynomial that is learned and independence_chain by the model.
 
 The density is exp(-chi-square / (2 factor)), with flat priors on the values between the bounds: the zeros of the
 sensors are marginalised (they are linear, and the residual leaves their projection out); the noise is taken as known,
@@ -35,12 +35,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
 from ...core import Document, InputError
-from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
+from ..draws import CHAINS, DRAWS, Drawing, each_done, refuse_wrong_entries, stream
 from ..least_squares import Progress
 from ..parameter_transform import Box
 from .at_bounds import AtBounds, at_bounds
 from .linear_intervals import NORMAL_95
-from .profile_likelihood import SIDES, End, Evaluate, ProfileLikelihood, Which, linearise_all
+from .profile_likelihood import SIDES, End, EndKey, Evaluate, ProfileLikelihood, linearise_all
 from .randomize_then_optimize import Mixture, NothingToDraw, Proposals, Widths, propose, tangents
 from .residual_polynomial import (
     ResidualPolynomial,
@@ -50,12 +50,12 @@ from .residual_polynomial import (
     learned_polynomial,
     of_second_order,
 )
-from .second_order import Linearisation, factors
+from .second_order import Linearisation, scaled_svd
 
-_FAR = 1.5 * NORMAL_95**2
+_END_EXCESS = 1.5 * NORMAL_95**2
 """Excess of chi-square at the ends: 1.5 times that at those of a 95 % interval."""
 
-BEYOND = 0.5 * math.erfc(math.sqrt(0.5 * _FAR))
+BEYOND = 0.5 * math.erfc(math.sqrt(0.5 * _END_EXCESS))
 """Share of a posterior beyond such an end, where it is as wide as the likelihood."""
 
 Residuals = Callable[[Float[np.ndarray, " p"]], Float[Array | np.ndarray, " n"]]
@@ -80,7 +80,7 @@ class Model(NamedTuple):
     """Factor by which variances exceed those of the noise given."""
     first: ResidualPolynomial
     """Curvature of the residuals, learned from all evaluations so far."""
-    ends: Mapping[Which, End]
+    ends: Mapping[EndKey, End]
     """Ends of the likelihood of each parameter that moves, far out, by its index and the side."""
 
     @property
@@ -110,7 +110,7 @@ class Model(NamedTuple):
 
 def principal_axes(optimum: Linearisation, moving: Int[np.ndarray, " q"], factor: float) -> Float[np.ndarray, "p q"]:
     """A with A A' the covariance of the linear model at an `optimum`, of the parameters at the places `moving`."""
-    _, singular, rows, norms = factors(optimum.jacobian[:, moving])
+    _, singular, rows, norms = scaled_svd(optimum.jacobian[:, moving])
     axes = np.zeros((optimum.at.size, moving.size))
     axes[moving] = np.sqrt(factor) * (rows / singular[:, None]).T / norms[:, None]
     return axes
@@ -136,8 +136,8 @@ def posterior_model(
     if not np.isfinite(optimum.chi2):
         raise InputError("posterior: found a model that cannot be simulated at its optimum; expected a finished fit.")
     report("posterior: curvature at the optimum")
-    likelihood = ProfileLikelihood(evaluate, optimum, _FAR * factor, bounds, factor, executor)
-    which: list[Which] = [(int(index), side) for index in moving for side in SIDES]
+    likelihood = ProfileLikelihood(evaluate, optimum, _END_EXCESS * factor, bounds, factor, executor)
+    which: list[EndKey] = [(int(index), side) for index in moving for side in SIDES]
     tell = lambda done: report(f"posterior: where the likelihood ends, {done} of {len(which)} ends")
     ends, shared, axes = likelihood.ends(which, tell), likelihood.shared, principal_axes(optimum, moving, factor)
     if len(shared.points) + 1 < count_points(moving.size):
@@ -148,14 +148,14 @@ def posterior_model(
     return Model(evaluate, residuals, optimum, axes, held, bounds, logarithmic, factor, first, ends)
 
 
-_TRIED, _ROUNDS = 5, 6
+_ROUNDS_WITH_ENDS, _ROUNDS_WITHOUT_ENDS = 5, 6
 """Rounds of learning with the ends, after which they are left out, and without them, at most."""
 
-_MOST = 4
-"""Order of a polynomial, where one of third does not agree."""
+_HIGHEST_ORDER = 4
+"""Order of a polynomial where one of third order does not agree."""
 
-_SURPLUS = 2.5
-"""Numbers that the draws of a round tell, for each coefficient of a polynomial of third order."""
+_OVERDETERMINATION = 2.5
+"""Data that the draws of a round give, for each coefficient of a polynomial of third order."""
 
 _FEWEST = 24
 """Draws of a round."""
@@ -163,13 +163,13 @@ _FEWEST = 24
 _AGREEMENT = 0.85
 """Overlap of model and polynomial from which the polynomial is good; with `_FEWEST` points 1 is seldom."""
 
-_WIDTHS = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0)
+_LEARNING_WIDTHS = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0)
 """Widths of the mixture that draws are taken from."""
 
-_NEWTON = 3
+_NEWTON_STEPS = 3
 """Steps of Newton's method with the model."""
 
-_SOLVED = 0.3
+_NEWTON_TOLERANCE = 0.3
 """Tolerance of the equation, in standard deviations of a residual."""
 
 
@@ -181,7 +181,7 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
     polynomials fold over everywhere, it is the linear model.
     """
     moving = model.axes.shape[1]
-    count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
+    count = max(_FEWEST, int(_OVERDETERMINATION * count_terms(moving, degree_for(moving)) / (1 + moving)))
 
     def rounds(
         polynomial: ResidualPolynomial, points: list[Linearisation], numbers: range
@@ -190,15 +190,15 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
         agrees = False
         for number in numbers:
             report(f"posterior: learning the residuals, round {number + 1}")
-            proposed = model.proposals(polynomial, _WIDTHS, count, stream(seed, "learn", number))
+            proposed = model.proposals(polynomial, _LEARNING_WIDTHS, count, stream(seed, "learn", number))
             there = linearise_all(model.evaluate, list(proposed.free), executor)
             exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
             weight = model.log_prior(proposed.free) - proposed.log_proposed
-            agrees = in_common(exact + weight, proposed.log_learned + weight) > _AGREEMENT
+            agrees = overlap(exact + weight, proposed.log_learned + weight) > _AGREEMENT
             points = [*points, *there]
             if not agrees:
-                points += solved_further(model, proposed, there, executor)
-            most = polynomial.degree if agrees else _MOST
+                points += newton_linearisations(model, proposed, there, executor)
+            most = polynomial.degree if agrees else _HIGHEST_ORDER
             polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor, most).turned()
             if agrees:
                 break
@@ -206,18 +206,18 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
 
     # A polynomial that folds over near the optimum has hardly any draws.
     with contextlib.suppress(NothingToDraw):
-        learned, agrees = rounds(model.first, [end.point for end in model.ends.values()], range(_TRIED))
+        learned, agrees = rounds(model.first, [end.point for end in model.ends.values()], range(_ROUNDS_WITH_ENDS))
         if agrees:
             return learned
     likelihood = ProfileLikelihood(model.evaluate, model.optimum, 1.0, model.bounds, executor=executor)
     near = likelihood.shared.at_optimum
     with contextlib.suppress(NothingToDraw):
         first = of_second_order(model.optimum, near, model.axes)
-        return rounds(first, [], range(_TRIED, _TRIED + _ROUNDS))[0]
+        return rounds(first, [], range(_ROUNDS_WITH_ENDS, _ROUNDS_WITH_ENDS + _ROUNDS_WITHOUT_ENDS))[0]
     return of_second_order(model.optimum, near._replace(second=np.zeros_like(near.second)), model.axes)
 
 
-def solved_further(
+def newton_linearisations(
     model: Model, proposed: Proposals, there: Sequence[Linearisation], executor: Executor | None
 ) -> list[Linearisation]:
     """Linearisations on the way from the polynomial's solutions to those of the model.
@@ -230,11 +230,11 @@ def solved_further(
     held = model.held.rates.size
     found: list[Linearisation] = []
     due = list(zip(proposed.randomized, there, strict=True))
-    for _ in range(_NEWTON):
+    for _ in range(_NEWTON_STEPS):
         targets, places = [], []
         for target, point in due:
             rest = target[held:] - basis.T @ point.residual
-            if np.isfinite(point.chi2) and np.linalg.norm(rest) > _SOLVED * np.sqrt(model.factor):
+            if np.isfinite(point.chi2) and np.linalg.norm(rest) > _NEWTON_TOLERANCE * np.sqrt(model.factor):
                 rows = np.concatenate([model.held.rows, basis.T @ point.jacobian @ model.axes])
                 step = np.linalg.lstsq(rows, np.append(np.zeros(held), rest))[0]
                 targets.append(target)
@@ -244,7 +244,7 @@ def solved_further(
     return found
 
 
-def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
+def overlap(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
     """Overlap of two densities, 1 where they are equal: from logarithms of their weights at the same draws."""
     weights = []
     for logs in (first, second):
@@ -262,7 +262,7 @@ BLOCK = 50
 PROPOSALS = "randomized residuals, exponentials at bounds, streams by purpose"
 """Kind of the proposals: weights of another kind do not go with theirs."""
 
-TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1)
+PROPOSAL_WIDTHS = Widths(solved=(1.2,), linear=3.0, share=0.1)
 """Widths of the mixture of proposals, which the model accepts or refuses."""
 
 
@@ -281,7 +281,7 @@ class Chains(NamedTuple):
 def sample_posterior(
     model: Model, drawing: Drawing, executor: Executor | None, report: Progress, chains: int = CHAINS
 ) -> Chains:
-    """Draws of several chains; what the store has kept is not asked of the model again.
+    """Draws of several chains; draws that the store has kept are not evaluated again.
 
     Points and blocks of draws are computed side by side in the threads of the `executor`.
 
@@ -291,7 +291,7 @@ def sample_posterior(
     wanted = drawing.count or DRAWS
     blocks = -(-wanted // BLOCK)
     shapes = {"free": (BLOCK, model.optimum.at.size), "proposed": (BLOCK,), "log_posterior": (BLOCK,)}
-    with reading(drawing.store, "draws of the chains"):
+    with refuse_wrong_entries(drawing.store, "draws of the chains"):
         kept = {task_of(entry, shapes): entry for entry in drawing.store.kept()}
     due = [(chain, block) for block in range(blocks) for chain in range(chains) if (chain, block) not in kept]
     if due:
@@ -306,7 +306,7 @@ def sample_posterior(
     for chain in range(chains):
         log_density = whole(chain, "log_posterior")
         log_density = np.where(np.isfinite(log_density), log_density, -np.inf)
-        places = corrected(log_density - whole(chain, "proposed"), stream(drawing.seed, "correct", chain))
+        places = independence_chain(log_density - whole(chain, "proposed"), stream(drawing.seed, "correct", chain))
         free.append(whole(chain, "free")[places])
         density.append(log_density[places])
         accepted.append(places == np.arange(wanted))
@@ -314,10 +314,10 @@ def sample_posterior(
     return Chains(np.stack(free), refused, {"lp": np.stack(density), "accepted": np.stack(accepted)})
 
 
-def corrected(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) -> Int[np.ndarray, " n"]:
+def independence_chain(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) -> Int[np.ndarray, " n"]:
     """The index of the proposal that an independence chain is at, after each of n proposals.
 
-    It begins at one of the first, each as probable as its weight, lest it has to find the posterior.
+    The chain begins at one of the first, each as probable as its weight, so that it begins in the posterior.
     """
     first, at, places = log_weights[:BLOCK], 0, np.zeros(log_weights.size, int)
     if np.isfinite(np.max(first)):
@@ -333,7 +333,7 @@ def corrected(log_weights: Float[np.ndarray, " n"], random: np.random.Generator)
 
 def _judge_block(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[int, int]) -> Document:
     """A block of proposals with the model's density at each, complete, so that the block need not be drawn again."""
-    proposed = model.proposals(learned, TO_JUDGE, BLOCK, stream(seed, "propose", *task))
+    proposed = model.proposals(learned, PROPOSAL_WIDTHS, BLOCK, stream(seed, "propose", *task))
     chi2 = [float(np.sum(np.asarray(model.residuals(free)) ** 2)) for free in proposed.free]
     log_density = model.log_prior(proposed.free) - 0.5 * np.array(chi2) / model.factor
     # JSON has no infinity.

@@ -1,9 +1,9 @@
 """Likelihood intervals of an estimate, with a curve of chi-square and a verdict for each parameter.
 
-Between the optimum and an end the valley of chi-square is a cubic in the profiled parameter, by values and tangents
-of the others; what is known of how residuals bend brings a point nearer to its floor.  The point halfway is evaluated,
-the linear model there tells what the others still gain, and where it misses the cubic each half is treated alike.  So
-the curve has values and slopes at a few points, and cubics between them.
+Between the optimum and an end the valley of chi-square is interpolated by a cubic in the profiled parameter, by values
+and tangents of the others; the curvature of the residuals brings a point nearer to the valley's floor.  The point
+halfway is evaluated, and the linear model there gives the minimum over the others.  Where this misses the cubic, both
+halves are halved again.  So the curve has values and slopes at a few points, and cubics between them.
 """
 
 import dataclasses
@@ -30,13 +30,13 @@ _HALVINGS = 2
 """Halvings of each side at most: 3 points between the optimum and the end."""
 
 _BENT = 0.02
-"""Share of the threshold by which a point misses the cubic, from which each half has a point of its own."""
+"""Error of the cubic at its middle point from which each half is halved again, as a share of the threshold."""
 
-_SHOWN = 12
+_POINTS_A_SIDE = 12
 """Points shown of each side besides the optimum."""
 
 _OFF = 0.02
-"""Share of the threshold that the others may still gain at a point by the linear model; beyond it they move."""
+"""Decrease of chi-square by the other parameters from which they are moved, as a share of the threshold."""
 
 
 class Curve(NamedTuple):
@@ -99,7 +99,7 @@ class _Valley:
             return Curve(self.optimum.at[[self.index]], nothing, nothing == 0.0, float("nan"), 0.0, 0)
         nodes = [first, *self._between(first, last, _HALVINGS), last]
         heights = np.array([node.excess for node in nodes])
-        shown = _SHOWN // (len(nodes) - 1)
+        shown = _POINTS_A_SIDE // (len(nodes) - 1)
         values, excess = [first.point.at[self.index]], [0.0]
         for begin, stop in itertools.pairwise(nodes):
             on_way = np.linspace(begin.point.at[self.index], stop.point.at[self.index], shown + 1)[1:]
@@ -226,7 +226,7 @@ def verdict_of(ends: tuple[End, ...], curve: Curve) -> str:
 
 def notes_of(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...], at: float) -> list[str]:
     """Notes on ends that are no ordinary ones; the estimate lies `at` that number on the scale of the fit."""
-    # That an optimum lies at its bound is said already.
+    # Another note tells of an optimum at its bound.
     notes = []
     for name, end in zip(("lower", "upper"), ends, strict=True):
         what = f"The {name} end of the interval of {parameter.path}"
@@ -263,7 +263,7 @@ def with_profile_intervals(
     tied = [path for path in kept if transform.along(path) is not transform]
     rest = thresholds, evidence.variance_factor, executor, report
     estimate = _with_profiles(estimate, evidence.problem, evidence.fit, [p for p in kept if p not in tied], *rest)
-    for path in tied:  # each in numbers of the fit of which it is one
+    for path in tied:  # each in coordinates of the fit that contain the parameter itself
         estimate = _with_profiles(estimate, *_in_coordinates_of(path, evidence.problem, evidence.fit), [path], *rest)
     order = [profile for path in kept for profile in estimate.profiles if profile.path == path]
     return dataclasses.replace(estimate, profiles=tuple(order))
@@ -302,8 +302,8 @@ def _with_profiles(
         """The end found, or the bound that the parameter lies at."""
         index, bound = places[path], estimate.parameters[path].bounds[side > 0]
         end = found.get((index, side), End(float(optimum.at[index]), Verdict.AT_BOUND, optimum, 0))
-        # Where a fit could reach, and no bound of the parameter, an end is open.  Of a legal range the fit leaves out a
-        # millionth at its upper end.
+        # An end at the limit of a fit's reach, which is no bound of the parameter, is open.  A fit leaves out a
+        # millionth of a legal range at its upper end.
         if end.verdict == Verdict.AT_BOUND and not np.isclose(
             _in_si(problem, end.point.at, index, end.value), bound, rtol=1e-5, atol=0.0
         ):

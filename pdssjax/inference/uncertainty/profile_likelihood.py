@@ -1,15 +1,14 @@
-"""Profile likelihood: how far each parameter can go while the others make the best of it.
+"""Profile likelihood: the range of each parameter, chi-square minimised over all others.
 
-The 95 % interval of a parameter holds the values at which chi-square, minimised over all other parameters, stays
-below its minimum plus a threshold.  Its ends are found without a curve, all of them side by side.
+The 95 % interval of a parameter holds the values at which this profile stays below its minimum plus a threshold.  The
+ends of all intervals are searched for side by side, without computing the curves between them.
 
-At the current point of a search the end of a model of second order, whose residuals may bend (`second_order`), is the
-next point.  Where steps vanish the gradient has no component but the parameter's own, and chi-square is the
-threshold's, whatever the model left out.
+The next point of a search is the end by a model of second order at the current point (`second_order`).  Where steps
+vanish, the gradient has only the parameter's own component and chi-square is at the threshold, however rough the model.
 
-All searches share what is known of the curvature: a polynomial of third order (`residual_polynomial`), learned from
-every linearisation that any of them has requested as soon as these determine it; before that the curvature at the
-optimum, from probes.  Where neither follows the residuals a search learns the curvature where it is.
+All searches share one curvature of the residuals: at first that at the optimum, from probes; then a polynomial of third
+order (`residual_polynomial`), as soon as the linearisations of all searches determine one.  A search that neither
+follows learns the curvature at its own point.
 """
 
 import enum
@@ -29,10 +28,10 @@ from .second_order import (
     Linearisation,
     SecondOrder,
     best_of_others,
-    factors,
     follow,
     learned_curvature,
     parabola,
+    scaled_svd,
 )
 
 Evaluate = Callable[
@@ -43,7 +42,7 @@ Evaluate = Callable[
 SIDES = -1.0, 1.0
 """The lower and the upper end of an interval."""
 
-Which = tuple[int, float]
+EndKey = tuple[int, float]
 """Index of a parameter, and the side of its interval, one of `SIDES`."""
 
 REACH = 7.0
@@ -65,7 +64,7 @@ def linearise_all(
     return [found[number] for number in range(len(places))]
 
 
-PROBED = 0.05
+PROBE_DISTANCE = 0.05
 """Distance from a point at which its curvature is probed, in half widths of the linear intervals."""
 
 
@@ -80,7 +79,7 @@ def standard_errors(
     determined = reach * np.linalg.norm(optimum.jacobian, axis=0) > np.sqrt(threshold)
     scale = np.diag(np.where(determined, 0.0, reach))
     if determined.any():
-        _, singular, rows, norms = factors(optimum.jacobian[:, determined])
+        _, singular, rows, norms = scaled_svd(optimum.jacobian[:, determined])
         axes = (rows / singular[:, None]).T / norms[:, None]
         axes = axes * np.minimum(1.0, reach / np.maximum(np.max(np.abs(axes), axis=0), 1e-300))
         scale[np.ix_(determined, np.flatnonzero(determined)[: singular.size])] = axes
@@ -90,11 +89,11 @@ def standard_errors(
 def probe_places(
     at: Float[np.ndarray, " p"], sizes: Float[np.ndarray, " p"], scale: Float[np.ndarray, "p p"], bounds: Box
 ) -> list[Float[np.ndarray, " p"]]:
-    """A place a parameter: each goes a little along the valley in which that one would leave the point."""
+    """One place for each parameter, a little along the valley that chi-square has in its direction."""
     places = []
     for index in range(at.size):
         along = scale @ scale[index]
-        step = PROBED * along * (sizes[index] / max(abs(along[index]), 1e-300))
+        step = PROBE_DISTANCE * along * (sizes[index] / max(abs(along[index]), 1e-300))
         ahead, behind = (np.clip(at + sign * step, *bounds) for sign in (1.0, -1.0))
         places.append(ahead if np.abs(ahead - at).max() >= np.abs(behind - at).max() else behind)
     return [place for place in places if np.any(place != at)]
@@ -117,7 +116,7 @@ class SharedCurvature:
         self.optimum, self.scale, self.factor = optimum, scale, factor
         self.at_optimum = learned_curvature(optimum, probes, scale)
         self.points: list[Linearisation] = list(probes)
-        # Without probes some directions may have been seen by none: only what is learned on the way counts.
+        # Without probes the points may leave directions undetermined: then only each search's own curvature counts.
         self.learns = bool(probes)
         self.polynomial: SampledPolynomial | None = None
         self.due = count_points(optimum.at.size)
@@ -234,7 +233,7 @@ class EndSearch:
                 linear = float(np.sum((point.residual + point.jacobian @ step) ** 2))
                 straighter = np.isfinite(found.chi2) and abs(found.chi2 - linear) < abs(found.chi2 - predicted)
                 if self.shared.polynomial is None and straighter:
-                    # What passes for curvature is none: a kink near the optimum does.
+                    # The curvature is that of a kink near the optimum, and does not hold here.
                     self.local = learned_curvature(point, [], self.local.scale)
                 model = self._model(point)
             if impatient:
@@ -290,7 +289,7 @@ class EndSearch:
     def _gain_of_others(self, point: Linearisation, model: SecondOrder) -> tuple[float, float]:
         """Decrease of chi-square that the other parameters allow within the bounds, and its slope there.
 
-        By the model or by a linear one, whichever says more: curvature may be wrong, where the gradient is not.
+        This is the larger decrease of two, by the model and by a linear one: a wrong curvature would hide it.
         """
         gains = []
         for each in (model, model.straight()):
@@ -334,23 +333,23 @@ class ProfileLikelihood:
     ):
         self.evaluate, self.optimum, self.bounds, self.executor, self.reach = evaluate, optimum, bounds, executor, reach
         self.thresholds = np.broadcast_to(threshold, optimum.at.shape)
-        # What runs away is held at the reach: its effect has died out long before.
+        # A parameter that runs away is held at the reach, where it has long lost its effect.
         self.low, self.high = np.maximum(bounds[0], optimum.at - reach), np.minimum(bounds[1], optimum.at + reach)
         self.sizes, scale = standard_errors(optimum, threshold, reach)
         probes = linearise_all(evaluate, probe_places(optimum.at, self.sizes, scale, bounds), executor)
         self.shared = SharedCurvature(optimum, probes, scale, factor)
         """What is known of the curvature."""
 
-    def ends(self, which: Sequence[Which], report: Callable[[int], None] = lambda done: None) -> dict[Which, End]:
+    def ends(self, which: Sequence[EndKey], report: Callable[[int], None] = lambda done: None) -> dict[EndKey, End]:
         """The ends that `which` names; `report` is called with the number of ends found so far."""
-        searches: dict[Which, PointRequests] = {}
+        searches: dict[EndKey, PointRequests] = {}
         for index, side in which:
             threshold = float(self.thresholds[index])
             aim = Aim(index, side, self.optimum.chi2 + threshold, self.low, self.high, self.sizes)
             bound = float(np.asarray(self.bounds[side > 0])[index])
             search = EndSearch(self.optimum, aim, bound, self.reach, threshold, self.shared)
             searches[index, side] = search.run()
-        found: dict[Which, End] = {}
+        found: dict[EndKey, End] = {}
         requested = {name: next(search) for name, search in searches.items()}
         while requested:
             points = linearise_all(self.evaluate, list(requested.values()), self.executor)

@@ -33,22 +33,22 @@ from ..parameter_transform import Box
 from .at_bounds import AtBounds
 from .residual_polynomial import ResidualPolynomial
 
-_WAY = 32
-"""Points on the way from the optimum to u."""
+_HOMOTOPY_POINTS = 32
+"""Points on the straight line from the optimum to u."""
 
-_NEWTON, _LAST = 2, 4
+_NEWTON_STEPS, _LAST_NEWTON_STEPS = 2, 4
 """Iterations of Newton's method at each, and further ones at the end."""
 
-_SOLVED = 1e-8
+_TOLERANCE = 1e-8
 """Tolerance of the equation, relative to 1 + |u|."""
 
-_SAME = 1e-6
-"""Distance from a solution to the point that u was taken from, beside 1 + |w|, at which they are one."""
+_RETURN_TOLERANCE = 1e-6
+"""Distance from a solution to the point that u came from, relative to 1 + |w|, up to which they are one point."""
 
-_ALONE = threading.Lock()
+_XLA_LOCK = threading.Lock()
 """Two threads that solve hundreds of equations each were seen to wait for each other within XLA for ever."""
 
-_SIDE_BY_SIDE = 128
+_BATCH = 128
 """Equations solved at a time."""
 
 _TRIALS = 50
@@ -120,14 +120,14 @@ class RandomizedResiduals(eqx.Module):
             begin, target = level(middle), jnp.concatenate([deviation * held.scaled_of(e), u[count:]])
 
             def go_on(w: Float[Array, " q"], share: Scalar) -> tuple[Float[Array, " q"], Scalar]:
-                w = improved(w, begin + share * (target - begin), _NEWTON)
+                w = improved(w, begin + share * (target - begin), _NEWTON_STEPS)
                 return w, jnp.linalg.slogdet(slopes(w))[0]
 
-            w, signs = lax.scan(go_on, middle, jnp.arange(1, _WAY + 1) / _WAY)
-            w = improved(w, target, _LAST)
+            w, signs = lax.scan(go_on, middle, jnp.arange(1, _HOMOTOPY_POINTS + 1) / _HOMOTOPY_POINTS)
+            w = improved(w, target, _LAST_NEWTON_STEPS)
             sign, volume = jnp.linalg.slogdet(slopes(w))
             left = jnp.linalg.norm(level(w) - target)
-            solved = (left < _SOLVED * (1.0 + jnp.linalg.norm(target))) & jnp.all(signs == sign)
+            solved = (left < _TOLERANCE * (1.0 + jnp.linalg.norm(target))) & jnp.all(signs == sign)
             return w, volume + jnp.sum(held.log_slope(e)), solved
 
         return Equation(solve, along, jax.jacfwd(along))
@@ -153,15 +153,15 @@ def propose(mixture: Mixture, bounds: Box, count: int, random: np.random.Generat
     found: list[Proposals] = []
     accepted = tried = 0
     for _ in range(_TRIALS):
-        normal = random.standard_normal((_SIDE_BY_SIDE, directions))
-        wide, linear = random.choice(widths.solved, _SIDE_BY_SIDE), random.random(_SIDE_BY_SIDE) < widths.share
+        normal = random.standard_normal((_BATCH, directions))
+        wide, linear = random.choice(widths.solved, _BATCH), random.random(_BATCH) < widths.share
         targets = np.where(linear, np.sqrt(widths.linear), np.sqrt(mixture.variance * wide))[:, None] * normal
-        with _ALONE:
+        with _XLA_LOCK:
             some = _proposals(mixture, targets, linear)
             some = jax.tree.map(np.asarray, some)
         good = some.solved & np.all((some.free >= low) & (some.free <= high), axis=1)
         found.append(jax.tree.map(lambda values, good=good: values[good], some))
-        accepted, tried = accepted + int(np.sum(good)), tried + _SIDE_BY_SIDE
+        accepted, tried = accepted + int(np.sum(good)), tried + _BATCH
         if accepted >= count:
             return Proposals(*(np.concatenate(parts)[:count] for parts in zip(*found, strict=True)))
     raise NothingToDraw(
@@ -177,15 +177,15 @@ def _proposals(
     """Draws for several `targets`: u, or w for those that are `linear`."""
     equation = mixture.equation()
 
-    def drawn(target: Float[Array, " q"], linear: Bool[Array, ""]) -> Proposals:
+    def proposal(target: Float[Array, " q"], linear: Bool[Array, ""]) -> Proposals:
         w, _, solved = equation.solve(target)
         w = jnp.where(linear, target, w)
         proposed, x = log_proposed(mixture, w), mixture.at(w)
         learned = -0.5 * jnp.sum(mixture.polynomial(x) ** 2) / mixture.variance
-        found = x, equation.along(w), proposed, learned, (solved | linear) & jnp.isfinite(proposed)
-        return Proposals(*found)  # pyright: ignore[reportArgumentType]
+        drawn = x, equation.along(w), proposed, learned, (solved | linear) & jnp.isfinite(proposed)
+        return Proposals(*drawn)  # pyright: ignore[reportArgumentType]
 
-    return jax.vmap(drawn)(jnp.asarray(targets), jnp.asarray(linear))
+    return jax.vmap(proposal)(jnp.asarray(targets), jnp.asarray(linear))
 
 
 @eqx.filter_jit
@@ -224,4 +224,4 @@ class Equation(NamedTuple):
         """The u at w, log |det du/dw|, and whether u leads there again: not so beyond a fold."""
         u = self.along(w)
         again, volume, solved = self.solve(u)
-        return u, volume, solved & (jnp.linalg.norm(again - w) < _SAME * (1.0 + jnp.linalg.norm(w)))
+        return u, volume, solved & (jnp.linalg.norm(again - w) < _RETURN_TOLERANCE * (1.0 + jnp.linalg.norm(w)))

@@ -4,8 +4,8 @@
 
 One residual's T is a symmetric matrix; all of them are learned at once, from differences of Jacobians (J. E. Dennis,
 D. M. Gay and R. E. Welsch, ACM Transactions on Mathematical Software 7(3), 1981, for the sum of residuals times
-T).  Where a valley of chi-square is narrow and bent, though not its floor, this follows it many times as far as J.
-Sums of squares of the model need no samples: one triangular factor of all its columns says the same.
+T).  This follows a narrow and bent valley of chi-square many times as far as J does.
+Sums of squares of the model need no samples: one triangular factor of all its columns gives the same.
 
 An end of a likelihood interval is found step by step, along parabolas that touch chi-square.  With residual r, Jacobian
 J, half the Hessian H of chi-square, C = H^-1 and the target that chi-square has at an end, a parabola's own end of
@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float
 from ..least_squares import Fit
 
 _SHORT = 0.05
-"""Length of a step, in the scale's units, below which a kink would pass for a large curvature."""
+"""Length of a step, in the scale's units, below which a kink would look like a large curvature."""
 
 
 class Linearisation(NamedTuple):
@@ -77,13 +77,13 @@ def learned_curvature(
             step, length = _step_in(scale, optimum, probe)
             steps += np.outer(step, step)
             changes += ((probe.jacobian - optimum.jacobian) @ scale / length)[:, :, None] * step
-    # The symmetric T with T A + A T = B + B', least where that leaves it open.
+    # The symmetric T of least norm with T A + A T = B + B'.
     weights, axes = np.linalg.eigh(steps)
-    both = weights[:, None] + weights[None, :]
-    # A direction that no difference has seen has no curvature.
-    known = both > 1e-3 * max(float(np.max(both)), 1e-300)
+    sums = weights[:, None] + weights[None, :]
+    # A direction in which no probe lies has no curvature.
+    known = sums > 1e-3 * max(float(np.max(sums)), 1e-300)
     rotated = axes.T @ (changes + changes.transpose(0, 2, 1)) @ axes
-    return Curvature(axes @ np.where(known, rotated / np.where(known, both, 1.0), 0.0) @ axes.T, scale)
+    return Curvature(axes @ np.where(known, rotated / np.where(known, sums, 1.0), 0.0) @ axes.T, scale)
 
 
 def _step_in(
@@ -164,11 +164,10 @@ class Aim(NamedTuple):
     """Half widths of the linear intervals, in which steps are measured."""
 
     def shifted(self, at: Float[np.ndarray, " p"], radius: float) -> "Aim":
-        """The aim as seen from `at`, the profiled parameter no farther than `radius`.
+        """The aim relative to the point `at`, with the profiled parameter no farther than `radius`.
 
-        The others have room to come back into a narrow valley.
+        The others have more room, to come back into a narrow valley, unless the radius is very small.
         """
-        # A radius may be so small that not even the way back is trusted.
         room = min(_ROOM, 20.0 * radius) + 3.0 * radius
         room = np.where(np.arange(at.size) == self.index, radius, room) * self.sizes
         return self._replace(low=np.maximum(self.low - at, -room), high=np.minimum(self.high - at, room))
@@ -256,7 +255,7 @@ def _within(at: Float[np.ndarray, " p"], aim: Aim, solve: Solve) -> Float[np.nda
         beyond = ~held & ((step < low) | (step > high))
         if not beyond.any():
             break
-        # The parameter itself last of all: the others first make the best of it.
+        # The profiled parameter stops last, after the others have adapted.
         if beyond.sum() > 1:
             beyond[aim.index] = False
         step, held = np.where(beyond, np.clip(step, low, high), step), held | beyond
@@ -269,7 +268,7 @@ def _outwards(
     """The step to the end while those `held` keep their `step`; to the minimum if the profiled one is held itself."""
     step = np.where(held, step, 0.0)
     free = np.flatnonzero(~held)
-    left, singular, rows, norms = factors(model.jacobian[:, free])
+    left, singular, rows, norms = scaled_svd(model.jacobian[:, free])
     residual = model.residual + model.jacobian @ step
     step[free] = -rows.T @ ((left.T @ residual) / singular) / norms
     if held[aim.index]:
@@ -281,7 +280,7 @@ def _outwards(
     return step
 
 
-def factors(
+def scaled_svd(
     jacobian: Float[np.ndarray, "n p"],
 ) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, " p"], Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
     """Singular values and vectors of columns scaled to unit norm, and the norms."""

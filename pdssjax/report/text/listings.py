@@ -88,8 +88,8 @@ def format_characterisation(found: "Characterisation") -> str:
     """Report of a characterised record: its cycles, and mean, error and scatter of each figure."""
     cycles = found.cycles
     way = "backward, the slow flank falls: figures are turned" if cycles.falls else "forward, the slow flank rises"
-    places = decimals_for(cycles.seen_error)
-    seen = f"{rounded(cycles.seen, places)} +/- {rounded(cycles.seen_error, places)} Hz"
+    places = decimals_for(cycles.slip_frequency_error)
+    seen = f"{rounded(cycles.slip_frequency, places)} +/- {rounded(cycles.slip_frequency_error, places)} Hz"
     # Times count from the clock's zero, or from the first sample if that is far from it.
     first, last = float(found.time[0]), float(found.time[-1])
     zero = first if abs(first) > 1e3 * (last - first) else 0.0

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import VELOCITY as SHOWN, Choice, choice
-from ...metrics import integrated, rest_of
+from ...metrics import integrated, velocity_zero
 from ...simulation import VELOCITY
 from ..models import Models
 from ..setups import AbstractSetup, sensor_on
@@ -41,5 +41,5 @@ class Velocity(AbstractMeasurement):
         zero = samples.offset
         if zero is None:
             # In the end the platform is about where it began.
-            zero = rest_of(samples.time, samples.measured, samples.voltage, returns=self.of == 1.0)
+            zero = velocity_zero(samples.time, samples.measured, samples.voltage, returns=self.of == 1.0)
         return None if zero is None else integrated(samples.time, samples.measured - zero)

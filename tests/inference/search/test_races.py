@@ -19,7 +19,7 @@ from pdssjax.inference.prior import Prior
 from pdssjax.inference.search import multistart, races
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.inference.search.races import MOST_RESTARTS
-from pdssjax.inference.validation import Missed
+from pdssjax.inference.validation import MissedRecord
 from pdssjax.study import Parameter
 
 HALVING, THRICE, COMPARING = [(10, 5), (4, 7)], [(30, 5), (12, 7)], [(48, 6), (12, 12)]
@@ -378,7 +378,7 @@ def test_a_fit_that_misses_a_record_that_was_not_fitted_is_compared_with_others(
 
     def missed(study, problem, free, covariance):
         asked.append(covariance)
-        return (Missed(validation, unknown),)
+        return (MissedRecord(validation, unknown),)
 
     monkeypatch.setattr(evidence_of_fit, "missed_records", missed)
     contest = races.RaceContext(study, problem, [], False, run, None, excused)

@@ -13,7 +13,7 @@ import scipy.optimize
 from pdssjax import BoundedLevenbergMarquardt
 from pdssjax.inference import Ending
 from pdssjax.inference.solver.derivative_check import CHECKS
-from pdssjax.inference.solver.iterations import OfFunction, Run, iterate
+from pdssjax.inference.solver.iterations import FunctionEvaluations, Run, iterate
 from pdssjax.inference.solver.kink import along_kink, beside_kink, least_promising
 
 X = jnp.linspace(0.0, 3.0, 60)
@@ -224,7 +224,7 @@ def test_a_minimum_on_a_fold_is_reached_and_told_from_a_wrong_jacobian(short):
 
 
 def run_of(args):
-    return Run(SOLVER, OfFunction(eqx.Partial(shaped), args), BOUNDS)
+    return Run(SOLVER, FunctionEvaluations(eqx.Partial(shaped), args), BOUNDS)
 
 
 def stopped_beside(least, run, off=1e-4):
@@ -260,7 +260,7 @@ def test_a_fold_that_is_a_ridge_is_no_minimum():
     args = numbers(fold=at, slope=-5.0)
     top = blank()._replace(across=jnp.stack([least + 1e-6, least - 1e-6]))
     sides = [iterate(run_of(args), y, top)[1] for y in top.across]
-    assert least_promising(top, sides, least, BOUNDS).predicted == np.inf
+    assert least_promising(top, sides, least, BOUNDS)[0] == np.inf
 
 
 def test_a_jacobian_that_takes_the_slope_of_either_side_sample_by_sample_is_a_fold_s_too():

@@ -81,7 +81,7 @@ def test_what_a_misread_stack_leaves_of_walks_is_no_fault_of_the_law(misread, la
 @pytest.mark.parametrize("law, reason", [(0.0, None), (3.0, "poor")], ids=["misread", "wrong law"])
 def test_other_optima_are_not_looked_for_where_the_stack_explains_what_is_left(monkeypatch, law, reason):
     fit, problem = held(1.5, law)
-    monkeypatch.setattr(held_stack, "rejoined", lambda study, point, *_: point)
+    monkeypatch.setattr(held_stack, "point_of_whole_study", lambda study, point, *_: point)
     monkeypatch.setattr(held_stack, "with_stack_freed", lambda fit, problem, stack: freed(fit, problem))
     excused = lambda fit, problem: held_stack.due_to_stack(None, STACK, None, fit, problem)  # pyright: ignore
     contest = lambda excused: races.RaceContext(

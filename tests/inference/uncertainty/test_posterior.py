@@ -189,18 +189,18 @@ def test_an_independence_chain_stays_where_the_model_is_likelier_than_the_propos
     random = np.random.default_rng(0)
     # Proposals uniform among five states, of which the model has the weights 1 to 5.
     proposed = random.integers(0, 5, 200_000)
-    places = posterior.corrected(np.log(1.0 + proposed), random)
+    places = posterior.independence_chain(np.log(1.0 + proposed), random)
     shares = np.bincount(proposed[places], minlength=5) / proposed.size
     np.testing.assert_allclose(shares, np.arange(1, 6) / 15.0, atol=5e-3)
     failed = np.array([-np.inf, 0.0, -np.inf, -np.inf])
-    np.testing.assert_array_equal(posterior.corrected(failed, random), [1, 1, 1, 1])
-    np.testing.assert_array_equal(posterior.corrected(np.full(3, -np.inf), random), [0, 1, 2])
+    np.testing.assert_array_equal(posterior.independence_chain(failed, random), [1, 1, 1, 1])
+    np.testing.assert_array_equal(posterior.independence_chain(np.full(3, -np.inf), random), [0, 1, 2])
 
 
 def test_an_independence_chain_begins_where_the_posterior_is():
     """Of proposals nine in ten may be far out; a chain that began at the first of them would show it."""
     weights = np.where(np.arange(60) % 10 == 5, 0.0, -1e5)
-    begins = [posterior.corrected(weights, np.random.default_rng(seed))[0] for seed in range(200)]
+    begins = [posterior.independence_chain(weights, np.random.default_rng(seed))[0] for seed in range(200)]
     assert {int(begin) for begin in begins} == {5, 15, 25, 35, 45}
 
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pdssjax.inference.uncertainty.at_bounds import at_bounds
-from pdssjax.inference.uncertainty.posterior import Model, principal_axes, solved_further
+from pdssjax.inference.uncertainty.posterior import Model, newton_linearisations, principal_axes
 from pdssjax.inference.uncertainty.randomize_then_optimize import Proposals, tangents
 from pdssjax.inference.uncertainty.residual_polynomial import of_second_order
 from pdssjax.inference.uncertainty.second_order import Curvature, Linearisation
@@ -52,7 +52,7 @@ def proposed(free, first_two=None):
 
 def found(of, draws):
     there = [point(at) for at in draws.free]
-    return there, solved_further(of, draws, there, None)
+    return there, newton_linearisations(of, draws, there, None)
 
 
 def test_to_where_the_model_has_the_randomized_residuals():

@@ -84,7 +84,7 @@ def test_errors_are_enlarged_by_records_whose_noise_is_given_and_for_these(metho
     assert found.factor == pytest.approx(9.0, rel=0.2)
     factors = np.ones(whole.shape[1])
     factors[:300] = found.factor
-    np.testing.assert_allclose(found.known.matrix, whole * factors @ whole.T, rtol=1e-8, atol=1e-15)
+    np.testing.assert_allclose(found.covariance.matrix, whole * factors @ whole.T, rtol=1e-8, atol=1e-15)
     if method == "joint":
         assert found.naive is None
     else:
@@ -104,12 +104,12 @@ def test_the_pull_after_a_step_taken_before_is_in_standard_deviations_of_chance(
     picked = Prior.of_covariance(PEAKS, np.zeros(3), np.diag([0.04, 0.01, 0.01]))
     stack = SimpleNamespace(prior=picked) if method == "peaks" else None
     found = standard_errors_of(method, Evidence(problem, fit), stack)
-    assert found.known.matrix[1, 1] > 0.06**2
+    assert found.covariance.matrix[1, 1] > 0.06**2
     noise = random.normal(size=(4000, whole.shape[1]))
     noise[:, :300] *= np.sqrt(found.factor)
     values, numbers = noise @ whole[1], 0.06 * noise[:, 400]
     pulls = [
-        measurement_with_pull((number, 0.06), value, found.known.matrix[1, 1], found.cov_with_prior[1]).pull
+        measurement_with_pull((number, 0.06), value, found.covariance.matrix[1, 1], found.cov_with_prior[1]).pull
         for number, value in zip(numbers, values, strict=True)
     ]
     assert np.std(pulls) == pytest.approx(1.0, abs=0.04)

@@ -74,7 +74,7 @@ def test_intervals_of_a_few_samples_hold_the_truth_in_95_of_100(samples):
     random, inside = np.random.default_rng(3), []
     for _ in range(600):
         free, found = errors(random.normal(size=(samples, 3)), random.normal(size=samples), [samples], [False])
-        inside.append(np.abs(free) < half_width_95(found.freedom) * np.sqrt(np.diag(found.known.matrix)))
+        inside.append(np.abs(free) < half_width_95(found.freedom) * np.sqrt(np.diag(found.covariance.matrix)))
     np.testing.assert_allclose(found.freedom, samples - 3.0)
     assert np.mean(inside) == pytest.approx(0.95, abs=0.016)
 

@@ -1,8 +1,8 @@
 """The interface of every error model: a model of the residuals, and the covariance of the parameters by it.
 
-To first order a fit moves its p parameters by G' e, where the samples of a record are off by e; the n x p influence G
-is the fit's (`inference/uncertainty/influence.py`), the covariance of e is the error model's.  A member gives
-G' cov(e) G, record by record, never an n x n matrix; records are independent of each other.
+To first order errors e of a record's samples move the p parameters by G' e.  The fit has the n x p influence G
+(`inference/uncertainty/influence.py`), the error model the covariance of e.  A member gives G' cov(e) G for each record
+without an n x n matrix; records are independent of each other.
 """
 
 import abc
@@ -61,12 +61,12 @@ class RecordShare(NamedTuple):
     covariance: Float[np.ndarray, "p p"]
     """Covariance on the fit's scale."""
     evidence: float
-    """How much better the model explains the residuals than the one before it: twice the gain in log-likelihood less
-    twice the numbers that it took (Akaike); 0 where it has no say."""
+    """Twice the gain in log-likelihood over the model before it, less twice the number of parameters (Akaike); 0 where
+    the model does not apply."""
     freedom: float
     """Degrees of freedom of the noise that the covariance rests on."""
     pooled: bool = False
-    """They are of all records that are pooled, together."""
+    """Whether `freedom` is that of all pooled records together."""
 
 
 class AbstractErrorModel(eqx.Module):

@@ -186,8 +186,8 @@ class WithMisfit(AbstractErrorModel):
             return RecordShare(coloured + misfit, process.evidence, found.freedom)
         noise = neighbour_scatter(record.residual) ** 2
         white = misfit + noise * record.influence.T @ record.influence
-        # The smallest covariance above the coloured one that is as large as the other wherever that is larger, in the
-        # coordinates in which the coloured one is the identity; a parameter without error in it takes the other's.
+        # The smallest covariance that is at least the coloured and the white one: a maximum of eigenvalues in
+        # coordinates in which the coloured one is the identity.  A parameter without coloured error has the white one.
         scale = np.sqrt(np.maximum(np.diag(coloured), np.diag(white)))
         scale = np.where(scale > 0, scale, 1.0)
         values, axes = np.linalg.eigh(coloured / np.outer(scale, scale))
