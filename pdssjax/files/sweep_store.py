@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..core import Document, InputError, InputWarning
-from ..sweeps import AbstractBlockStore, BlockPlan, blank, columns_of, differences, extended, job_text
+from ..sweeps import AbstractBlockStore, BlockPlan, count_columns, differences, empty_results, extend_plan, job_text
 from .file_lock import UNFINISHED, file_lock
 from .record_results import write_numbers
 from .results_folder import nearest_existing, staging_folder
@@ -75,7 +75,7 @@ class SweepStore(AbstractBlockStore):
             else:
                 _create(self.place, document, plan)
             self._group, self._plan, self._job = _open_group(self.place), plan, job_text(document)
-            _check_arrays(self._group, columns_of(document), plan)
+            _check_arrays(self._group, count_columns(document), plan)
             _, damaged = self._read_verified()
             if damaged:
                 message = "what was stored does not match its digest, or has none; computed again."
@@ -131,7 +131,7 @@ class SweepStore(AbstractBlockStore):
         rows, damaged = self._read_verified()
         missing = self._status() != DONE
         missing[list(damaged)] = True
-        rows[np.repeat(missing, self._plan.lanes)[: len(rows)]] = blank(1, rows.shape[1])
+        rows[np.repeat(missing, self._plan.lanes)[: len(rows)]] = empty_results(1, rows.shape[1])
         if damaged:
             message = "what was stored does not match its digest and is left out; go on with --resume."
             warnings.warn(f"{self.place}: {_name_blocks(damaged)} {message}", InputWarning, 3)
@@ -170,7 +170,7 @@ def check_zarr() -> None:
 
 def bytes_needed(document: Document, plan: BlockPlan) -> int:
     """How much room [bytes] the store of a plan takes on the disk, at most."""
-    rows = len(plan.order) * 8 * (columns_of(document) + plan.values.shape[1] + 1)
+    rows = len(plan.order) * 8 * (count_columns(document) + plan.values.shape[1] + 1)
     # On most disks a file takes 4096 bytes at least.
     return rows + 4096 * (4 * plan.blocks + 20)
 
@@ -192,7 +192,7 @@ def _create(place: Path, document: Document, plan: BlockPlan) -> None:
     with tempfile.TemporaryDirectory(prefix=_unfinished_prefix(place), dir=place.parent) as folder:
         made = Path(folder) / place.name
         group = zarr.create_group(made, attributes={"job": document, "lanes": plan.lanes, "points": len(plan.order)})
-        for name, array in _arrays(columns_of(document), plan).items():
+        for name, array in _arrays(count_columns(document), plan).items():
             made_array = group.create_array(name, **array._asdict())
             if name in ("values", "order"):
                 made_array[:] = getattr(plan, name)
@@ -256,7 +256,7 @@ def _plan_to_resume(place: Path, group: Group, document: Document, plan: BlockPl
     points = int(group.attrs["points"])
     # Begun on a machine with other devices, it goes on in the blocks that it has.
     plan = dataclasses.replace(plan, lanes=group["found"].chunks[0])
-    whole = None if other else extended(plan, np.asarray(group["values"][:points]))
+    whole = None if other else extend_plan(plan, np.asarray(group["values"][:points]))
     if whole is None:
         other = other or [f"{points} points, not all of them among these {len(plan.order)}"]
         more = f", and {len(other) - 3} more" if len(other) > 3 else ""

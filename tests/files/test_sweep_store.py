@@ -120,7 +120,7 @@ def test_an_extension_that_was_interrupted_leaves_the_sweep_as_it_was(tmp_path, 
 def test_a_sweep_begun_where_blocks_are_larger_goes_on_in_those(tmp_path, study, quick, monkeypatch):
     whole = pdssjax.sweep(study, OVER)
     with monkeypatch.context() as many:
-        many.setattr(sweeping, "lanes_here", lambda: 192)
+        many.setattr(sweeping, "default_lanes", lambda: 192)
         SweepStore(tmp_path / "s.zarr").open(*planned(study))
     quick.clear()
     resumed = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))

@@ -51,7 +51,7 @@ def test_where_there_is_no_border_there_is_none(study, dead):
     ("change", "essential"),
     [
         (dict(ends=(150.0, 8.0)), "expected the lower end first"),
-        (dict(tolerance=0.0), "expected both positive"),
+        (dict(tolerance=0.0), "expected above 0 and at least 2"),
         (dict(metric="speeds"), 'unknown metric "speeds"'),
         (dict(path="drive.volt"), "did you mean"),
     ],
