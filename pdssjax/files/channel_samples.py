@@ -1,4 +1,4 @@
-"""Opens a file of any format that is known, lists and finds its channels, and reads samples, a window at a time."""
+"""Opens a file of any known format, lists and finds its channels, and reads samples of a window."""
 
 import functools
 import math
@@ -15,7 +15,7 @@ from ..core import InputError, member, members, nearest
 from ..metrics import ChannelSummary
 from ..study import check_increasing
 from .readers.base import AbstractReader, AbstractSource, Block, Channel, refusing
-from .reading_process import Pairs, answers
+from .reading_process import Pairs, run_isolated
 
 _FAMILY = "files.readers"
 
@@ -24,13 +24,13 @@ class Clock(NamedTuple):
     """The source of the sample times: a channel, or an interval where no times were stored."""
 
     number: int | None
-    """The channel's; None: the interval tells."""
+    """Number of the channel; None where the interval gives the times."""
     factor: float = 1.0
     """Factor from the channel's unit to seconds."""
     start: float = 0.0
     """Time of the first sample of the file [s]."""
     interval: float = math.nan
-    """Between samples [s]."""
+    """Interval between samples [s]."""
 
 
 class Samples(NamedTuple):
@@ -45,11 +45,14 @@ class Samples(NamedTuple):
     begin: float
     """Time of the first sample of the file [s]."""
     end: float
-    """Time of the last sample that was looked at [s]."""
+    """Time of the last sample that was read [s]."""
 
 
 def open_file(file: Path, decimal: str = "") -> AbstractSource:
-    """A reader of `file`, by what it holds and what it ends in; `decimal` is that of its text, "" where to be told."""
+    """A reader of `file`, chosen by its content and its ending.
+
+    **Arguments:** `decimal` is the decimal sign of a text, "" to detect it.
+    """
     expected = "expected a file of samples"
     try:
         is_stream = not (stat.S_ISREG(file.stat().st_mode) or file.is_dir())
@@ -62,29 +65,27 @@ def open_file(file: Path, decimal: str = "") -> AbstractSource:
     except (OSError, ValueError) as error:  # ValueError: of a name that no file can have
         raise InputError(f"{file}: cannot be read ({getattr(error, 'strerror', error)}), {expected}.") from None
     if is_stream:
-        raise InputError(f"{file}: found a pipe or a device, {expected}, which is read repeatedly.")
+        raise InputError(f"{file}: found a pipe or a device, {expected} that can be read repeatedly.")
     if head.startswith(b"PK\x03\x04"):
         raise InputError(f"{file}: found a workbook or a ZIP archive, expected the sheet saved as CSV.")
     # Fields of six characters: the mark of a dataset, and its number.
     if dataset := re.match(rb"    -1 *\r?\n {0,5}(\d+)b?\s", head):
         raise InputError(
-            f"{file}: found a Universal File (UFF, it begins with dataset {dataset[1].decode()}), which is not read; "
+            f"{file}: found a Universal File (UFF, beginning with dataset {dataset[1].decode()}), which is not read; "
             "expected its time histories exported as CSV or MATLAB arrays."
         )
-    # Anything may be text, so that is asked last.
+    # Text last, since any file may be text.
     kinds = [member(_FAMILY, name) for name in sorted(members(_FAMILY), key=lambda name: name == "delimited-text")]
     for kind in kinds:
         if kind.recognises(file, head):
             reader: AbstractReader = kind(file, decimal)
-            return reader if reader.in_process else _Apart(reader)
+            return reader if reader.in_process else _IsolatedReader(reader)
     known = ", ".join(kind.ending for kind in kinds)
-    raise InputError(
-        f"{file}: found a format that is not known (it begins with {head[:8]!r}), expected one of {known}."
-    )
+    raise InputError(f"{file}: found an unknown format (it begins with {head[:8]!r}), expected one of {known}.")
 
 
-class _Apart(AbstractSource):
-    """A file that another process reads, as `reader` would in this one."""
+class _IsolatedReader(AbstractSource):
+    """A file that another process reads, by a `reader` of the same kind."""
 
     def __init__(self, reader: AbstractReader) -> None:
         self.reader = reader
@@ -101,22 +102,22 @@ class _Apart(AbstractSource):
     @functools.cached_property
     def _channels(self) -> list[Channel]:
         with refusing(self.file, self.reader.expected):
-            return [Channel(*channel) for channel, _ in answers(channels_of, self.file, self.kind)]
+            return [Channel(*channel) for channel, _ in run_isolated(channels_of, self.file, self.kind)]
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         with refusing(self.file, self.reader.expected):
-            for _, rows in answers(blocks_of, self.file, self.kind, list(numbers), first):
+            for _, rows in run_isolated(blocks_of, self.file, self.kind, list(numbers), first):
                 yield Block(rows[:, 1:], rows[:, 0].astype(int))
 
 
 def channels_of(file: Path, kind: str) -> Pairs:
-    """The channels of a `file` of a `kind`, with no samples."""
+    """The channels of a `file` of a `kind`, each with an empty array."""
     for channel in member(_FAMILY, kind)(file).channels():
         yield channel, np.zeros(0)
 
 
 def blocks_of(file: Path, kind: str, numbers: Sequence[int], first: int) -> Pairs:
-    """The blocks of a `file` of a `kind`: an array each, places in its first column and samples in the others."""
+    """The blocks of a `file` of a `kind`, each as an array: places in the first column, samples in the others."""
     for block in member(_FAMILY, kind)(file).blocks(numbers, first):
         yield None, np.column_stack([block.places, block.values])
 
@@ -124,9 +125,9 @@ def blocks_of(file: Path, kind: str, numbers: Sequence[int], first: int) -> Pair
 def list_channels(file: Path, decimal: str = "") -> tuple[str, list[ChannelSummary]]:
     """The format of `file`, and its channels; the file is read block by block.
 
-    **Arguments:** `decimal` is the decimal sign of a text, "" where the file is to tell it.
+    **Arguments:** `decimal` is the decimal sign of a text, "" to detect it.
 
-    **Raises:** `InputError` if the file is missing, broken or of no format that is known.
+    **Raises:** `InputError` if the file is missing, broken or of an unknown format.
     """
     reader = open_file(file, decimal)
     channels = reader.channels()
@@ -140,12 +141,12 @@ def list_channels(file: Path, decimal: str = "") -> tuple[str, list[ChannelSumma
 
 
 def name_or_number(given: str) -> str | int:
-    """What an option says of a channel, as a number where it is one."""
+    """The name of a channel that an option gives, or its number."""
     return int(given) if given.isdecimal() else given
 
 
 def find_channel(reader: AbstractSource, file: Path, channels: Sequence[Channel], given: str | int) -> Channel:
-    """The channel that is `given` by its name or its number."""
+    """The channel with the name or the number `given`."""
     what = "column" if reader.place == "line" else "channel"
     if isinstance(given, int):
         numbered = {channel.number: channel for channel in channels}
@@ -174,9 +175,9 @@ def find_channel(reader: AbstractSource, file: Path, channels: Sequence[Channel]
 def read_samples(
     reader: AbstractSource, file: Path, numbers: Sequence[int], clock: Clock, window: tuple[float, float] | None
 ) -> Samples:
-    """Samples of the channels with these `numbers`, those within the `window` [s] where one is given.
+    """Samples of the channels with these `numbers`, within the `window` [s] where one is given.
 
-    Memory is needed for what is kept, and for one block.
+    Takes memory for the samples returned and one block.
     """
     low, high = window or (-math.inf, math.inf)
     first = 0

@@ -117,7 +117,7 @@ def test_a_drive_without_flanks_is_warned_of_once(study, dead):
     moving = next(record for record in study.records if record.measurement.effector_free)
     triangle = dataclasses.replace(moving, drive=Triangle(60.0, 5.0), overrides={})
     study = dataclasses.replace(study, records=(triangle,))
-    with pytest.warns(InputWarning, match="which has no stroke, back-slip and efficiency") as said:
+    with pytest.warns(InputWarning, match="stroke, back-slip and efficiency are NaN") as said:
         find_border(study, "drive.voltage", (8.0, 150.0), {}, tolerance=1.0, metric="net_step", level=1e-8)
     assert len(said) == 1 and len(dead) > 3
 
