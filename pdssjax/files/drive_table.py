@@ -99,9 +99,7 @@ def _of_samples(record: Table, drive: Sampled) -> tuple[Sampled, float]:
     if not isinstance(given, dict):
         held = to_si(given, "s", where)
         if held < 0:
-            raise InputError(
-                f"{where}: found {held:g} s, expected 0 s, with which the voltage sets in at t = 0, or more."
-            )
+            raise InputError(f"{where}: found {held:g} s, expected a time above 0, or 0 s to set in at t = 0.")
         return _with_rest(drive, held), held
     table = record.table("conditioning", _EXPECTED)
     table.only(["cycles", "period"])

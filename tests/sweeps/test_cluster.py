@@ -125,7 +125,7 @@ def test_a_scheduler_that_goes_away_ends_the_sweep_with_a_line_and_what_was_done
 
         with pytest.raises(InputError) as refused:
             pdssjax.sweep(study, GRID, executor=pool, in_flight=2, store=store, progress=progress)
-    assert "what was done is in the store" in str(refused.value) and "\n" not in str(refused.value)
+    assert "A store has the blocks that are done" in str(refused.value) and "\n" not in str(refused.value)
     # A thread of a worker that has gone may still be at its block: `quick` counts that, too.
     resumed = []
     kept = SweepStore(tmp_path / "s.zarr", resume=True)
@@ -158,7 +158,7 @@ def test_the_tls_settings_of_dask_are_those_of_a_sweep(quick, monkeypatch, certi
         assert local.scheduler_address.startswith("tls://")
         with cluster_executor(local.scheduler_address) as (pool, _):
             there = pdssjax.sweep(example_study(), GRID, executor=pool)
-        monkeypatch.setattr(execution, "_PATIENCE", 0.3)
+        monkeypatch.setattr(execution, "_SCHEDULER_TIMEOUT", 0.3)
         with (
             dask.config.set({"distributed.comm.tls.ca-file": None}),
             pytest.raises(InputError, match=r"scheduler tls://.*TLS") as refused,
