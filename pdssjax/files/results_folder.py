@@ -1,4 +1,4 @@
-"""Writes results to a folder: all of them or none, and never over others unasked."""
+"""Writes results to a folder: all of them or none, and over older ones only on request."""
 
 import contextlib
 import os
@@ -17,44 +17,40 @@ posterior.nc bootstrap.csv sweep.nc sweep.zarr sweep.png directions.png border.n
 characterise.json parameters.json plan.txt plan.png plan.html plan.toml plan-together.toml drives templates plan.json
 comparison.json estimate.json
 """.split()
-"""Names that a folder of results may hold, the one that tells most last."""
-
+"""Names that a folder of results may hold, the main one of a command last."""
 
 DRAWS, CANDIDATES = "draws.jsonl", "candidates"
-"""Lie beside them and are not replaced with them: a run that is broken off goes on with them."""
+"""Files beside the results that are not replaced with them: an interrupted run goes on from these."""
 
 
 def check_empty(folder: Path) -> None:
-    """**Raises** `InputError` where `folder` holds anything, is a file or cannot be written to.
-
-    What a command that was killed has left unfinished there is nothing.
-    """
+    """**Raises** `InputError` where `folder` holds more than leftovers of a killed command, or is not writable."""
     if folder.exists() and (not folder.is_dir() or not all(is_leftover(path.name) for path in folder.iterdir())):
         raise InputError(f"{folder}: found something there already, expected an empty folder or nothing.")
     _check_writable(folder)
 
 
 def check_free(folder: Path, overwrite: bool) -> None:
-    """See, before any work is spent, that results can go to `folder`.
+    """Check before any work that results can be written to `folder`.
 
     **Raises:** `InputError` if it holds results and `overwrite` is false, or cannot be written to.
     """
     held = [name for name in (*_RESULTS, DRAWS, CANDIDATES) if (folder / name).exists()]
     if held and not overwrite:
-        goes_on = ", or --resume to go on with them" if {DRAWS, CANDIDATES} & set(held) else ""
+        resume = ", or --resume to go on with them" if {DRAWS, CANDIDATES} & set(held) else ""
         raise InputError(
-            f"{folder}: found results already ({', '.join(held)}); expected another folder, or --overwrite{goes_on}."
+            f"{folder}: found results already ({', '.join(held)}); expected another folder, or --overwrite{resume}."
         )
     _check_writable(folder)
 
 
 def _check_writable(folder: Path) -> None:
     """**Raises** `InputError` where nothing can be written to `folder`, or it cannot be made."""
-    ground = nearest_existing(folder)
-    if not ground.is_dir():
-        raise InputError(f"{folder}: found a file at {ground}, expected a folder or nothing.")
-    if not os.access(ground, os.W_OK | os.X_OK):
-        raise InputError(f"{folder}: found no permission to write to {ground}, expected a folder to write to.")
+    existing = nearest_existing(folder)
+    if not existing.is_dir():
+        raise InputError(f"{folder}: found a file at {existing}, expected a folder or nothing.")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise InputError(f"{folder}: found no permission to write to {existing}, expected a folder to write to.")
 
 
 def nearest_existing(path: Path) -> Path:
@@ -63,9 +59,9 @@ def nearest_existing(path: Path) -> Path:
 
 
 def write_aside(write: Callable[[Path], None]) -> Path:
-    """A new folder for temporary files, in which `write` has put what it writes.
+    """A new temporary folder with the files of `write`.
 
-    **Raises:** `OSError` where that fails, too; then nothing is left behind.
+    **Raises:** `OSError` as `write` does; then nothing is left behind.
     """
     folder = Path(tempfile.mkdtemp(prefix="pdssjax-"))
     try:
@@ -77,17 +73,17 @@ def write_aside(write: Callable[[Path], None]) -> Path:
 
 
 _Contents: TypeAlias = dict[str, tuple[int, int]]
-"""Number and time of the last change of each file or folder of the results, by name."""
+"""Inode and time of the last change of each file or folder of the results, by name."""
 
 _reserved: dict[Path, _Contents] = {}
-"""Contents of the folders that commands of this process have reserved, as far as they know."""
+"""Last known contents of the folders that commands of this process have reserved."""
 
 
 @contextlib.contextmanager
 def reserved_folder(folder: Path, overwrite: bool) -> Iterator[None]:
-    """Reserve `folder` for the results of this process: no other process writes there.
+    """Reserve `folder` for the results of this process.
 
-    **Raises:** `InputError` as `check_free` does, and where another process has it.
+    **Raises:** `InputError` as `check_free` does, and where another process has reserved it.
     """
     check_free(folder, overwrite)
     with folder_lock(folder):
@@ -105,12 +101,12 @@ def reserved_folder(folder: Path, overwrite: bool) -> Iterator[None]:
 def staging_folder(folder: Path, names: Sequence[str] = _RESULTS) -> Iterator[Path]:
     """A hidden folder inside `folder`, whose contents move up once all of them are written.
 
-    **Arguments:** `names` are what may be in it; what `folder` holds of them is replaced.  The last that is written
-    takes the place of the old one in one stroke, after the others of the old results are gone and before those of the
-    new ones come: whoever is killed meanwhile leaves it whole, old or new, and nothing beside it that is not its own.
+    **Arguments:** `names` of the possible contents, which replace those in `folder`.  The last name that is written
+    replaces its predecessor in one step, after the other old results are removed and before the other new ones come: a
+    killed process leaves this main file whole, old or new, and beside it no results of another run.
 
-    **Raises:** `InputError` where another process has the folder, `FileExistsError` where other results have come into
-    it since this one has reserved it.
+    **Raises:** `InputError` where another process has the folder, `FileExistsError` where its results changed since it
+    was reserved.
     """
     with folder_lock(folder), tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=folder) as temporary:
         staging, place = Path(temporary), folder.resolve()
@@ -146,12 +142,12 @@ def _remove(path: Path) -> None:
 
 
 def write_text(file: Path, text: str) -> None:
-    """Write a `text` into a `file`; what no encoding has, such as half of a pair of surrogates, as an escape."""
+    """Write a `text` into a `file`; characters without an encoding, such as half a pair of surrogates, as escapes."""
     file.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def write_whole(file: Path, content: bytes) -> None:
-    """Write a `file` beside its place and rename it, so that it is whole at any moment, and then on the disk."""
+    """Write a `file` beside its place, flush it to the disk and rename it, so that it is whole at any moment."""
     beside = file.with_name(f"{UNFINISHED}{file.name}")
     try:
         with beside.open("wb") as stream:

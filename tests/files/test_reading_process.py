@@ -157,7 +157,7 @@ def test_the_format_that_the_other_process_reads_is_named(tmp_path):
     assert kind == "matlab" and time.name == "t"
 
 
-MORE = r"more than memory has room for, as a broken file may claim, expected (a MATLAB|an HDF5) file"
+MORE = r"more data than memory can hold, as a broken file may claim, expected (a MATLAB|an HDF5) file"
 
 
 def test_a_matlab_file_that_unpacks_to_more_than_it_may_is_refused(tmp_path, limited):
