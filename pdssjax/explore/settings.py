@@ -114,8 +114,8 @@ class Knob(NamedTuple):
         except ValueError:
             number = to_si(text, self.quantity.unit, self.path, unit)
         if number and not _SMALLEST <= abs(number) <= _LARGEST:
-            found = f"{self.path}: found {number:g} {self.quantity.unit}".rstrip()
-            raise InputError(f"{found}, expected 0 or a size between {_SMALLEST:g} and {_LARGEST:g}.")
+            where = f"{self.path}: found {number:g} {self.quantity.unit}".rstrip()
+            raise InputError(f"{where}, expected 0 or a size between {_SMALLEST:g} and {_LARGEST:g}.")
         check_range(number, self.quantity, self.path, text)
         return number
 
@@ -201,10 +201,7 @@ class Settings:
 
 
 def settings_of(study: Study) -> Settings:
-    """The settings with the numbers of a study.
-
-    **Raises:** `InputError` that names the parameters without a number.
-    """
+    """The settings with the numbers of a study; **raises** `InputError` that names the parameters without a number."""
     return Settings(study.values(), {record.name: drive_numbers(record) for record in study.records})
 
 

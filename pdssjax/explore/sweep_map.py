@@ -169,9 +169,9 @@ class PointSimulation:
         **Raises:** `InputError` where parameters are left without a number.
         """
         assert self.record.drive is not None
-        named = {field.name for field in dataclasses.fields(inner_drive(self.record.drive))}
+        names = {field.name for field in dataclasses.fields(inner_drive(self.record.drive))}
         fields = {path.removeprefix("drive."): n for path, n in numbers.items() if path.startswith("drive.")}
-        drive = self.record.drive.with_numbers({field: n for field, n in fields.items() if field in named})
+        drive = self.record.drive.with_numbers({field: n for field, n in fields.items() if field in names})
         frequency = drive.cycle_frequency()
         assert frequency is not None
         end = CYCLES / float(frequency)
@@ -197,11 +197,11 @@ def small_map(study: Study, settings: Settings, report: Report, chosen: str) -> 
     **Raises:** `InputError` where no record has a periodic drive and an end-effector, or where this drive has no
     voltage and frequency.
     """
-    here = study_at(study, settings)
+    adjusted = study_at(study, settings)
     try:
-        record = driven_record(here, chosen)
+        record = driven_record(adjusted, chosen)
     except InputError:
-        record = driven_record(here, None)
+        record = driven_record(adjusted, None)
     assert record.drive is not None
     numbers = record.drive.numbers()
     if not {"voltage", "frequency"} <= set(numbers):
@@ -213,4 +213,4 @@ def small_map(study: Study, settings: Settings, report: Report, chosen: str) -> 
     }
     report("sweeping: compiling")
     progress = lambda done, points: report(f"sweeping: {done} of {points} points")
-    return sweep(here, Grid(axes), record=record.name, progress=progress)
+    return sweep(adjusted, Grid(axes), record=record.name, progress=progress)

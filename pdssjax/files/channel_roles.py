@@ -74,19 +74,19 @@ def roles_of(file: Path, hints: Hints) -> Roles:
     reader = open_file(file, hints.decimal)
     channels = reader.channels()
     search = _RoleSearch(file, reader, channels, hints)
-    wanted: dict[str, Callable[[Channel], bool]] = {
+    shapes: dict[str, Callable[[Channel], bool]] = {
         "time": search.increases,
         "voltage": search.is_a_drive,
         search.motion(): search.may_move,
     }
     if search.is_clocked() and "time" not in hints.columns:
-        del wanted["time"]
+        del shapes["time"]
     if hints.columns.get("voltage") == "none":
-        del wanted["voltage"]
+        del shapes["voltage"]
     faults: list[str] = []
-    for quantity, shaped in wanted.items():
+    for quantity, has_shape in shapes.items():
         try:
-            search.choose(quantity, shaped)
+            search.choose(quantity, has_shape)
         except InputError as fault:
             # Of the last two channels, the user's choice of one settles the other.
             if not faults or len(channels) - len(search.chosen) > 2:
@@ -183,11 +183,11 @@ class _RoleSearch:
 
     def motion(self) -> str:
         """The quantity of the motion: "displacement", or "velocity" where the file has no displacement."""
-        given = [quantity for quantity in ("displacement", "velocity") if quantity in self.hints.columns]
-        if len(given) == 2:
+        options = [quantity for quantity in ("displacement", "velocity") if quantity in self.hints.columns]
+        if len(options) == 2:
             raise InputError(f"{self.file}: found both --displacement and --velocity, expected one of them.")
         has = lambda unit: any(channel.measures(unit) for channel in self.channels)
-        if known := given or [quantity for quantity in ("displacement", "velocity") if has(SI[quantity])]:
+        if known := options or [quantity for quantity in ("displacement", "velocity") if has(SI[quantity])]:
             return known[0]
         for unit, kind in (("N", "force"), ("m/s^2", "acceleration")):
             if has(unit):
@@ -200,11 +200,11 @@ class _RoleSearch:
 
     def choose(self, quantity: str, has_shape: Callable[[Channel], bool]) -> None:
         """Choose the channel of a `quantity`: by option, unit and name, else by the shape of its samples."""
-        if given := self.hints.columns.get(quantity):
-            self.chosen[quantity] = find_channel(self.reader, self.file, self.channels, name_or_number(given))
+        if option := self.hints.columns.get(quantity):
+            self.chosen[quantity] = find_channel(self.reader, self.file, self.channels, name_or_number(option))
             return
-        left = [channel for channel in self.channels if channel not in self.chosen.values()]
-        fitting = [channel for channel in left if self._may_be(channel, quantity)]
+        remaining = [channel for channel in self.channels if channel not in self.chosen.values()]
+        fitting = [channel for channel in remaining if self._may_be(channel, quantity)]
         named = [channel for channel in fitting if _called(channel, quantity)]
         if quantity == "voltage" and len(fitting) > 1 and sum(map(has_shape, fitting)) > 1:
             # A command and a monitor, both in volts: only the user knows which is at the piezo.
@@ -214,31 +214,33 @@ class _RoleSearch:
                 self.chosen[quantity] = candidates[0]
                 return
         # Without units, or with several channels of the unit, shapes decide, then names.
-        unfit = {channel for channel in left if channel.unit and not channel.letter} - set(fitting)
-        shapes = [channel for channel in named or fitting or [c for c in left if c not in unfit] if has_shape(channel)]
+        unfit = {channel for channel in remaining if channel.unit and not channel.letter} - set(fitting)
+        shapes = [
+            channel for channel in named or fitting or [c for c in remaining if c not in unfit] if has_shape(channel)
+        ]
         by_name = [channel for channel in shapes if not fitting and _called(channel, quantity)]
         for candidates in (shapes, by_name):
             if len(candidates) == 1:
                 self.chosen[quantity] = candidates[0]
                 self.guessed.add(quantity)
                 return
-        self._ask(quantity, shapes, left)
+        self._ask(quantity, shapes, remaining)
 
-    def _ask(self, quantity: str, shapes: Sequence[Channel], left: Sequence[Channel]) -> None:
+    def _ask(self, quantity: str, shapes: Sequence[Channel], remaining: Sequence[Channel]) -> None:
         """**Raises** `InputError` with the channels of the right shape, or else those `left`, and the option."""
-        moving = shapes or [channel for channel in left if self.may_move(channel)] or left
+        moving = shapes or [channel for channel in remaining if self.may_move(channel)] or remaining
         listed = ", ".join(f'{c.number}: "{c.name}"' + (f" [{c.unit}]" if c.unit else "") for c in moving[:8])
-        more = {
+        advice = {
             "time": ', or --interval "50 us" with the interval between samples',
             "voltage": ' (or "none" and the voltage by --peak)',
         }.get(quantity, "")
         if all(channel.unit and not self._may_be(channel, quantity) for channel in moving):
             example = next(filter(None, (_example_of_scale(quantity, channel) for channel in moving)), "")
-            more += f", and --scale with the factor of its numbers, such as {example}" if example else ""
+            advice += f", and --scale with the factor of its numbers, such as {example}" if example else ""
         found = "several channels" if len(shapes or ([] if quantity == "time" else moving)) > 1 else "no channel"
         raise InputError(
             f"{self.file}: found {found} that may be the {quantity} ({listed or 'none is left'}), "
-            f"expected --{quantity} with a name or a number{more}."
+            f"expected --{quantity} with a name or a number{advice}."
         )
 
     def check_units(self) -> None:
@@ -253,9 +255,9 @@ class _RoleSearch:
             options = " ".join(f"--unit {q}={_USUAL_UNITS[q]}" for q in missing)
             raise InputError(f"{self.file}: found no unit of {listed}, expected options such as {options}.")
         for quantity, channel in self.chosen.items():
-            here = channel._replace(letter=False)
-            if channel.unit and quantity not in self.hints.units and not self._may_be(here, quantity):
-                example = _example_of_scale(quantity, here)
+            with_unit = channel._replace(letter=False)
+            if channel.unit and quantity not in self.hints.units and not self._may_be(with_unit, quantity):
+                example = _example_of_scale(quantity, with_unit)
                 scale = f"--scale with the factor of its numbers, such as {example}, or " if example else ""
                 raise InputError(
                     f'{self.file}: found the {quantity} in channel {channel.number} ("{channel.name}") in '

@@ -131,13 +131,13 @@ def list_channels(file: Path, decimal: str = "") -> tuple[str, list[ChannelSumma
     """
     reader = open_file(file, decimal)
     channels = reader.channels()
-    found = [ChannelSummary(c.number, c.name, c.unit, c.interval, c.letter) for c in channels]
+    summaries = [ChannelSummary(c.number, c.name, c.unit, c.interval, c.letter) for c in channels]
     for samples in dict.fromkeys(channel.samples for channel in channels):
-        together = [s for s, channel in zip(found, channels, strict=True) if channel.samples == samples]
-        for block in reader.blocks([summary.number for summary in together]):
-            for summary, values in zip(together, block.values.T, strict=True):
+        of_length = [s for s, channel in zip(summaries, channels, strict=True) if channel.samples == samples]
+        for block in reader.blocks([summary.number for summary in of_length]):
+            for summary, values in zip(of_length, block.values.T, strict=True):
                 summary.add(values)
-    return reader.kind.replace("-", " "), found
+    return reader.kind.replace("-", " "), summaries
 
 
 def name_or_number(given: str) -> str | int:
@@ -147,29 +147,29 @@ def name_or_number(given: str) -> str | int:
 
 def find_channel(reader: AbstractSource, file: Path, channels: Sequence[Channel], given: str | int) -> Channel:
     """The channel with the name or the number `given`."""
-    what = "column" if reader.place == "line" else "channel"
+    word = "column" if reader.place == "line" else "channel"
     if isinstance(given, int):
         numbered = {channel.number: channel for channel in channels}
         if given not in numbered:
             listed = ", ".join(map(str, list(numbered)[:20]))
-            raise InputError(f"{file}: there is no {what} {given} of numbers, expected one of {listed}.")
+            raise InputError(f"{file}: there is no {word} {given} of numbers, expected one of {listed}.")
         return numbered[given]
     for name_of in (lambda c: c.written, lambda c: c.name, lambda c: c.name.replace(".", "/").rpartition("/")[2]):
         found = [channel for channel in channels if name_of(channel) == given]
         if len(found) == 1:
             return found[0]
         if found:
-            raise InputError(f'{file}: found {len(found)} {what}s named "{given}", expected one.')
+            raise InputError(f'{file}: found {len(found)} {word}s named "{given}", expected one.')
     if at_fault := reader.header_at_fault(given):
         raise InputError(f"{file}: {at_fault}.")
     named = [channel.name for channel in channels if channel.name != str(channel.number)]
     if not named:
         line = next(reader.blocks([channels[0].number])).places[0]
         raise InputError(
-            f"{file}: {reader.place} {line}: found numbers, expected a header that names the {what}s "
+            f"{file}: {reader.place} {line}: found numbers, expected a header that names the {word}s "
             f'("{given}"); or name it by its number: 1, 2, ...'
         )
-    raise InputError(f'{file}: there is no {what} "{given}"; {nearest(given, named)}')
+    raise InputError(f'{file}: there is no {word} "{given}"; {nearest(given, named)}')
 
 
 def read_samples(
@@ -183,34 +183,34 @@ def read_samples(
     first = 0
     if clock.number is None and low > clock.start:
         first = max(int((low - clock.start) / clock.interval) - 1, 0)
-    wanted: list[int] = list(dict.fromkeys([*([] if clock.number is None else [clock.number]), *numbers]))
-    kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    begin, before, done = clock.start, -math.inf, first
-    for block in reader.blocks(wanted, first):
+    read_numbers: list[int] = list(dict.fromkeys([*([] if clock.number is None else [clock.number]), *numbers]))
+    selected: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    begin, before, count = clock.start, -math.inf, first
+    for block in reader.blocks(read_numbers, first):
         if clock.number is None:
-            time = clock.start + clock.interval * np.arange(done, done + len(block.places))
+            time = clock.start + clock.interval * np.arange(count, count + len(block.places))
         else:
-            time = clock.factor * block.values[:, wanted.index(clock.number)]
+            time = clock.factor * block.values[:, read_numbers.index(clock.number)]
             known = np.isfinite(time)
-            here, places = time[known], block.places[known]
+            times, places = time[known], block.places[known]
             if math.isfinite(before):
-                here, places = np.append(before, here), np.append(places[:1] - 1, places)
-            if np.any(np.diff(here) <= 0):
+                times, places = np.append(before, times), np.append(places[:1] - 1, places)
+            if np.any(np.diff(times) <= 0):
                 name = next(channel.name for channel in reader.channels() if channel.number == clock.number)
-                check_increasing(file, name, here, places, reader.place)
-            begin = float(time[0]) if done == 0 else begin
-        done += len(block.places)
+                check_increasing(file, name, times, places, reader.place)
+            begin = float(time[0]) if count == 0 else begin
+        count += len(block.places)
         # A sample whose time is no number lies where the one before it does.
         last = np.maximum.accumulate(np.where(np.isfinite(time), np.arange(time.size), -1))
         filled = np.where(last >= 0, time[last], before)
         keep = (filled >= low) & (filled <= high) if window else slice(None)
-        columns = [wanted.index(number) for number in numbers]
-        kept.append((time[keep], block.values[keep][:, columns], block.places[keep]))
+        columns = [read_numbers.index(number) for number in numbers]
+        selected.append((time[keep], block.values[keep][:, columns], block.places[keep]))
         before = filled[-1]
         if before > high:
             break
-    if not kept:
+    if not selected:
         within = f" from {low:g} s to {high:g} s" if window else ""
         raise InputError(f"{file}: found no samples{within}, expected some.")
-    time, values, places = (np.concatenate(parts) for parts in zip(*kept, strict=True))
+    time, values, places = (np.concatenate(parts) for parts in zip(*selected, strict=True))
     return Samples(time, values, places, begin, float(before))

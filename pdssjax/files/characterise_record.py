@@ -81,8 +81,7 @@ def _choose(file: Path, named: Mapping[str, str | None], decimal: str) -> tuple[
         words = {"displacement": ("displacement", "position"), "force": ("force",)}[measures]
         preferred = [channel for channel in fitting if any(word in channel.name.lower() for word in words)]
         if fitting:
-            column = fitting[0] if len(fitting) == 1 else _choose_one(file, preferred or fitting, measures, channels)
-            return measures, {**clock, measures: column.number}
+            return measures, {**clock, measures: _choose_one(file, preferred or fitting, measures, channels).number}
     return "displacement", {**clock, "displacement": _choose_one(file, [], "displacement", channels).number}
 
 

@@ -80,9 +80,9 @@ def compare(
     folder = Path(out)
     with reserved_folder(folder, overwrite or resume):
         store = CandidateFolder(folder, resume)
-        found = compare_models(study, **options, executor=executor, progress=progress, store=store)
-        write_selection(found, folder)
-    return found
+        comparison = compare_models(study, **options, executor=executor, progress=progress, store=store)
+        write_selection(comparison, folder)
+    return comparison
 
 
 class CandidateFolder:
@@ -158,7 +158,7 @@ def _read(file: Path, digest: str) -> FittedCandidate | None:
     return FittedCandidate(**document)
 
 
-def write_selection(found: Comparison, folder: Path, commands: Sequence[str] = ()) -> None:
+def write_selection(comparison: Comparison, folder: Path, commands: Sequence[str] = ()) -> None:
     """Put text, figures, page and `comparison.json` of a comparison into `folder`, in place of older ones.
 
     **Arguments:** the `commands` that repeat the comparison, for the page.
@@ -167,31 +167,31 @@ def write_selection(found: Comparison, folder: Path, commands: Sequence[str] = (
 
     versions = ", ".join(f"{name} {version}" for name, version in installed_versions().items())
     with staging_folder(folder, _RESULTS) as staging:
-        write_text(staging / "comparison.txt", format_selection(found))
-        if found.chosen:
-            save_figure(selection_figure(found), staging / "comparison.png")
-            save_figure(residual_strips_figure(found), staging / "residuals.png")
-        write_page(staging / "comparison.html", comparison_page(found, [f"Computed with {versions}."], commands))
-        write_text(staging / "comparison.json", comparison_text(found))
+        write_text(staging / "comparison.txt", format_selection(comparison))
+        if comparison.chosen:
+            save_figure(selection_figure(comparison), staging / "comparison.png")
+            save_figure(residual_strips_figure(comparison), staging / "residuals.png")
+        write_page(staging / "comparison.html", comparison_page(comparison, [f"Computed with {versions}."], commands))
+        write_text(staging / "comparison.json", comparison_text(comparison))
 
 
-def comparison_text(found: Comparison) -> str:
+def comparison_text(comparison: Comparison) -> str:
     """The contents of `comparison.json`; SI."""
     document: Document = {
         "format": FORMAT,
-        "title": found.title,
-        "chosen": found.chosen or None,
-        "best": found.best or None,
-        "groups": [list(group) for group in found.groups],
-        "blocks": found.blocks,
-        "whole_records": found.whole_records,
-        "noise": {name: noise._asdict() for name, noise in found.noise.items()},
-        "telling": found.telling and found.telling._asdict(),
-        "seconds": found.seconds,
+        "title": comparison.title,
+        "chosen": comparison.chosen or None,
+        "best": comparison.best or None,
+        "groups": [list(group) for group in comparison.groups],
+        "blocks": comparison.blocks,
+        "whole_records": comparison.whole_records,
+        "noise": {name: noise._asdict() for name, noise in comparison.noise.items()},
+        "telling": comparison.telling and comparison.telling._asdict(),
+        "seconds": comparison.seconds,
         "models": [],
     }
     names = "name model free failure converged explained message values units errors refitted start seconds".split()
-    for result in found.results:
+    for result in comparison.results:
         entry = {name: getattr(result.fitted, name) for name in names}
         for name, pair in (("held_out_time", result.time), ("held_out_records", result.records)):
             entry[name] = pair and {"worse_by": pair.total, "standard_error": pair.standard_error}

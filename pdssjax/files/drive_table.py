@@ -78,12 +78,12 @@ def rest_before(
     # Without noise, a thousandth of the peak still counts as 0 V.
     if abs(volts[0]) <= max(noise, 1e-3 * float(np.max(np.abs(volts)))) or np.ptp(volts) <= _CHANGES * noise:
         return drive, 0.0, None
-    held = _LONGEST_REST if settles else float(np.clip(length, _SHORTEST_REST, _LONGEST_REST))
+    rest = _LONGEST_REST if settles else float(np.clip(length, _SHORTEST_REST, _LONGEST_REST))
     if isinstance(drive, ZeroOrderHold):
         # In whole intervals, which keep the times of the steps.
-        held = float(np.ceil(held / drive.interval)) * float(drive.interval)
-        return dataclasses.replace(drive, drive=_with_rest(inner, held)), held, float(volts[0])
-    return _with_rest(inner, held), held, float(volts[0])
+        rest = float(np.ceil(rest / drive.interval)) * float(drive.interval)
+        return dataclasses.replace(drive, drive=_with_rest(inner, rest)), rest, float(volts[0])
+    return _with_rest(inner, rest), rest, float(volts[0])
 
 
 def _with_rest(drive: Sampled, time: float) -> Sampled:
@@ -97,10 +97,10 @@ def _of_samples(record: Table, drive: Sampled) -> tuple[Sampled, float]:
     if isinstance(given, str) and given.rstrip().endswith(("cycle", "cycles")):
         raise InputError(f'{where}: found "{given}" of a sampled drive, expected its period, too: {_EXPECTED}.')
     if not isinstance(given, dict):
-        held = to_si(given, "s", where)
-        if held < 0:
-            raise InputError(f"{where}: found {held:g} s, expected a time above 0, or 0 s to set in at t = 0.")
-        return _with_rest(drive, held), held
+        rest = to_si(given, "s", where)
+        if rest < 0:
+            raise InputError(f"{where}: found {rest:g} s, expected a time above 0, or 0 s to set in at t = 0.")
+        return _with_rest(drive, rest), rest
     table = record.table("conditioning", _EXPECTED)
     table.only(["cycles", "period"])
     count = table.whole("cycles", f"a number of cycles from 1 to {_MOST_CYCLES}", most=_MOST_CYCLES)
@@ -155,17 +155,17 @@ def read_drive(table: Table, record: Table, folder: Path, parameters: Table) -> 
     overrides = frozenset(fields) & frozenset(table.entries)
     if sampled:
         fields |= _voltages(table, record, folder)
-    made = drive(**fields)
-    for key, clause in made.broken_conditions().items():
+    waveform = drive(**fields)
+    for key, clause in waveform.broken_conditions().items():
         raise InputError(f"{table.at(key)}: found {clause}.")
     if "hold" not in table.entries:
-        return made, overrides
-    interval, frequency = table.number("hold", "s"), made.cycle_frequency()
+        return waveform, overrides
+    interval, frequency = table.number("hold", "s"), waveform.cycle_frequency()
     period = np.inf if frequency is None else 1.0 / frequency
     if not 0 < interval < period:
         below = f" and below the period, {period:g} s" if frequency is not None else ""
         raise InputError(f"{table.at('hold')}: found {interval:g} s, expected a time above 0{below}.")
-    return ZeroOrderHold(made, interval), overrides
+    return ZeroOrderHold(waveform, interval), overrides
 
 
 def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
@@ -174,14 +174,14 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     Samples from the record's own file have its clock, which the record's `start` shifts.
     """
     column = name_at(table, "column", "the name or the number of a column of voltages")
-    beside = folder / record.text("file", "the path of a file")
-    file = folder / table.text("file", "the path of a file") if "file" in table.entries else beside
-    found = read_columns(file, _layout(table, record, column))
-    found.check_numbers()
-    time, voltage = found.data["time"], _smoothed(table, found.data["time"], found.data["voltage"])
-    if file == beside:
+    own_file = folder / record.text("file", "the path of a file")
+    file = folder / table.text("file", "the path of a file") if "file" in table.entries else own_file
+    columns = read_columns(file, _layout(table, record, column))
+    columns.check_numbers()
+    time, voltage = columns.data["time"], _smoothed(table, columns.data["time"], columns.data["voltage"])
+    if file == own_file:
         time = time - record.number("start", "s", 0.0)
-    where = f'{file}: column "{found.channels["voltage"].name}"'
+    where = f'{file}: column "{columns.channels["voltage"].name}"'
     peak = float(np.max(np.abs(voltage)))
     if peak == 0:
         raise InputError(
@@ -191,9 +191,9 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     # The sample just before t = 0 may already lie on the way to the next one.
     early = early[early < np.searchsorted(time, 0.0) - 1]
     if early.size:
-        first = early[0]
+        k = early[0]
         raise InputError(
-            f"{where}, {found.reader.place} {found.places[first]}: found {voltage[first]:g} V at {time[first]:g} s, "
+            f"{where}, {columns.reader.place} {columns.places[k]}: found {voltage[k]:g} V at {time[k]:g} s, "
             "expected 0 V before t = 0, where the drive starts from rest; the record's key start shifts its clock."
         )
     if time[-1] <= 0:

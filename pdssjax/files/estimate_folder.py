@@ -16,6 +16,7 @@ from ..study import Draws, Estimate, FittedParameter, FittedRecord, Multistart, 
 from .draws_file import read_draws
 from .estimate_results import read_estimate
 from .record_results import COMPARED, VOLTAGE, file_stems, prescribed_column
+from .results_folder import read_text
 
 Entry: TypeAlias = Any
 """A value of a JSON document, or the type that it is read as."""
@@ -188,7 +189,9 @@ def read_page(folder: Path) -> Page:
         raise InputError(f"{folder}: found {found}, expected a folder that a command of pdssjax wrote.")
     if (folder / "estimate.json").exists():
         return estimate_page(read_estimate_folder(folder))
-    texts = [_section(file) for file in sorted(folder.glob("*.txt"))]
+    heading = lambda file: file.stem.replace("_", " ").capitalize()
+    files = sorted(folder.glob("*.txt"))
+    texts = [Section(heading(file), lines=read_text(file, "a plain text").splitlines()) for file in files]
     pictures = [*sorted(folder.glob("*.png")), *sorted((folder / "plots").rglob("*.png"))]
     if not (texts or pictures):
         raise InputError(
@@ -206,15 +209,6 @@ def read_page(folder: Path) -> Page:
     notes = [f"Left out, since the page would become too large to send: {', '.join(left_out)}."] if left_out else []
     sections = [*texts, Section("Figures", notes, figures=figures)] if pictures else texts
     return Page(_title(folder), sections, subtitle=f"Results in the folder {folder.resolve().name}")
-
-
-def _section(file: Path) -> Section:
-    """The section of a plain text."""
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: cannot be read ({error}), expected a plain text.") from None
-    return Section(file.stem.replace("_", " ").capitalize(), lines=lines)
 
 
 def _title(folder: Path) -> str:

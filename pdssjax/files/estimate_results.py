@@ -20,7 +20,7 @@ from ..study import Draws, Estimate, FittedParameter, FittedRecord, Study
 from .draws_file import write_draws
 from .json_text import Plain, json_text
 from .record_results import file_stems, write_records
-from .results_folder import staging_folder, write_text
+from .results_folder import read_text, staging_folder, write_text
 from .toml_table import Table
 
 
@@ -85,12 +85,9 @@ def _values(document: Document, study: Study, file: Path) -> dict[str, float]:
 
 def read_estimate(file: Path) -> Document:
     """The content of `file`, an estimate.json; **raises** `InputError` if it is missing or no estimate."""
+    text = read_text(file, "an estimate.json")
     try:
-        document: object = json.loads(file.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise InputError(f"{file}: there is no such file, expected an estimate.json.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: cannot be read ({error}), expected an estimate.json.") from None
+        document: object = json.loads(text)
     except json.JSONDecodeError as error:
         where = f"{file}: line {error.lineno}, column {error.colno}"
         raise InputError(f"{where}: found no valid JSON: {error.msg}.") from None
@@ -128,15 +125,15 @@ def read_covariance(file: Path) -> KnownParameters:
         covariance = np.array([[np.nan if entry is None else entry for entry in row] for row in matrix], float)
         covariance = covariance.reshape(len(names), len(names))
         known = np.flatnonzero(np.isfinite(np.diag(covariance))) if names else np.zeros(0, int)
-        found = KnownParameters(tuple(names[i] for i in known), covariance[np.ix_(known, known)], errors)
+        result = KnownParameters(tuple(names[i] for i in known), covariance[np.ix_(known, known)], errors)
     except (KeyError, IndexError, TypeError, ValueError, OverflowError):
         raise InputError(
             f"{file}: covariance: found no square matrix of numbers with a name for each row, "
             "expected an estimate that pdssjax identify wrote."
         ) from None
-    if not found.names:
+    if not result.names:
         raise InputError(f"{file}: found no parameter with a standard error, expected one that the records determine.")
-    return found
+    return result
 
 
 def estimate_text(estimate: Estimate) -> str:

@@ -129,7 +129,10 @@ def _acquire(place: Path, about: Path, unfinished: str) -> _Held:
                     with contextlib.suppress(OSError):  # the process id is only for messages of other processes
                         os.ftruncate(descriptor, 0)
                         os.write(descriptor, f"{os.getpid()}\n".encode())
-                    _remove_unfinished(place, unfinished)
+                    for path in place.parent.iterdir():
+                        if path.name.startswith(unfinished):
+                            with contextlib.suppress(OSError):
+                                remove(path)
                     return _Held(descriptor, made)
                 os.close(descriptor)
         raise InputError(_busy(about, ""))
@@ -174,19 +177,18 @@ def _lock(descriptor: int) -> None:
 def _is_file_of(descriptor: int, place: Path) -> bool:
     """Whether the open file is still the one at its `place`."""
     try:
-        here, there = os.fstat(descriptor), os.stat(place)
+        opened, present = os.fstat(descriptor), os.stat(place)
     except OSError:
         return False
-    return (here.st_dev, here.st_ino) == (there.st_dev, there.st_ino)
+    return (opened.st_dev, opened.st_ino) == (present.st_dev, present.st_ino)
 
 
-def _remove_unfinished(place: Path, unfinished: str) -> None:
-    for path in place.parent.iterdir():
-        if path.name.startswith(unfinished):
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path, ignore_errors=True)
-            else:
-                path.unlink(missing_ok=True)
+def remove(path: Path) -> None:
+    """Remove a file, a link or a folder, if it exists."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _close(descriptor: int | None) -> None:

@@ -19,7 +19,7 @@ from ..study import Study
 from .estimate_results import read_estimate, write_estimate
 from .json_text import json_text
 from .record_results import file_stems, write_columns, write_csv
-from .results_folder import staging_folder, write_text
+from .results_folder import read_text, staging_folder, write_text
 from .study_copy import move_files
 
 MEASURED = "measured"
@@ -59,10 +59,7 @@ def write_plan(plan: Plan, source: Path, design: Document, folder: Path) -> None
 
 def plan_study(plan: Plan, source: Path, design: Document, folder: Path, *, together: bool) -> str:
     """The text of a study in `folder` with a plan's records, and `together` also with the records so far."""
-    try:
-        document: TomlTable = tomlkit.parse(source.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(f"{source}: cannot be read ({error.strerror}), expected the study of the plan.") from None
+    document: TomlTable = tomlkit.parse(read_text(source, "the study of the plan"))
     document["title"] = f"{plan.study.title}, planned records"
     parameters = document["parameters"]
     for path, parameter in plan.with_rig.parameters.items():
@@ -80,24 +77,24 @@ def plan_study(plan: Plan, source: Path, design: Document, folder: Path, *, toge
     for record in records_so_far if together else []:
         move_files(record, source.parent, folder)
         records.append(record)
-    taken = {str(record.get("name", "")) for record in records}
+    names = {str(record.get("name", "")) for record in records}
     for stem, planned in zip(file_stems(record.name for record in plan.records), plan.records, strict=True):
-        records.append(_record(plan.study, planned, stem, taken))
+        records.append(_record(plan.study, planned, stem, names))
     document.add("record", records)
     header = f"# Made by pdssjax design for {source.name}: put the measured records into {MEASURED}/.\n"
     return header + tomlkit.dumps(document)
 
 
-def _record(study: Study, planned: PlannedRecord, stem: str, taken: set[str]) -> TomlTable:
+def _record(study: Study, planned: PlannedRecord, stem: str, used_names: set[str]) -> TomlTable:
     """The [[record]] table of a planned record."""
-    experiment, made = planned.experiment, planned.record(study)
+    experiment, record = planned.experiment, planned.record(study)
     table = tomlkit.table()
     names = (planned.name, *(f"{planned.name} ({n})" for n in range(2, 100)))
-    table["name"] = next(name for name in names if name not in taken)
+    table["name"] = next(name for name in names if name not in used_names)
     table["file"] = f"{MEASURED}/{stem}.csv"
-    table["columns"] = _inline({quantity: name for quantity, (name, _) in made.columns.items()})
+    table["columns"] = _inline({quantity: name for quantity, (name, _) in record.columns.items()})
     table["measures"] = experiment.kind
-    display = made.measurement.display
+    display = record.measurement.display
     table["noise"] = f"{planned.noise.deviation * display.scale:.6g} {display.unit}"
     if experiment.conditions:
         table["conditions"] = sorted(experiment.conditions)

@@ -124,28 +124,28 @@ def _part(process: _Process, stream: IO[bytes], seconds: int) -> tuple[dict[str,
     timer = threading.Timer(CLOCK * seconds, process.kill)
     timer.start()
     try:
-        said = json.loads(_exactly(stream, int.from_bytes(_exactly(stream, 8), "little")))
-        values = np.frombuffer(_exactly(stream, 8 * int(np.prod(said["shape"]))), "<f8").reshape(said["shape"])
+        content = json.loads(_exactly(stream, int.from_bytes(_exactly(stream, 8), "little")))
+        values = np.frombuffer(_exactly(stream, 8 * int(np.prod(content["shape"]))), "<f8").reshape(content["shape"])
     except EOFError:
         crashed = timer.is_alive() and -process.wait() not in (getattr(signal, "SIGXCPU", 24), 9)
         reason = "crashed on what is in it" if crashed else f"came to no end in {seconds} s"
         raise ValueError(f"the library that reads it {reason}") from None
     finally:
         timer.cancel()
-    for text in said["warned"]:
+    for text in content["warned"]:
         warnings.warn(text, InputWarning, stacklevel=3)
-    if "refused" in said:
-        raise InputError(said["refused"])
-    if "broken" in said:
-        raise ValueError(said["broken"])
-    return said, values
+    if "refused" in content:
+        raise InputError(content["refused"])
+    if "broken" in content:
+        raise ValueError(content["broken"])
+    return content, values
 
 
 def _exactly(stream: IO[bytes], count: int) -> bytes:
-    found = stream.read(count)
-    if len(found) < count:
+    content = stream.read(count)
+    if len(content) < count:
         raise EOFError
-    return found
+    return content
 
 
 def serve() -> None:

@@ -78,9 +78,9 @@ def file_stems(names: Iterable[str]) -> list[str]:
     for name in names:
         # A letter has at most four bytes, and a file name at most 255.
         plain = re.sub(r"[^\w.-]+", "_", name)[:60].strip("._") or "record"
-        taken = [stem.lower() for stem in [*stems, *plots]]
-        copies = (f"{plain}-{number}" for number in range(2, len(taken) + 2))
-        stems.append(next(stem for stem in (plain, *copies) if stem.lower() not in taken))
+        used = [stem.lower() for stem in [*stems, *plots]]
+        copies = (f"{plain}-{number}" for number in range(2, len(used) + 2))
+        stems.append(next(stem for stem in (plain, *copies) if stem.lower() not in used))
     return stems
 
 

@@ -181,11 +181,11 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, se
 def _conditions(table: Table) -> frozenset[str]:
     """The conditions of the record, as in "friction.f_ss_a@wet"."""
     expected = 'a list of names such as ["wet"]'
-    found = table.get("conditions", list, expected, [])
-    for name in found:
+    names = table.get("conditions", list, expected, [])
+    for name in names:
         if not isinstance(name, str) or not name or MARK in name:
             raise InputError(f"{table.at('conditions')}: found {name!r}, expected {expected}, without {MARK}.")
-    return frozenset(found)
+    return frozenset(names)
 
 
 def _drive_parameters(parameters: Table, conditions: frozenset[str]) -> Table:
@@ -250,8 +250,8 @@ def _window(plan: Table, measurement: AbstractMeasurement) -> np.ndarray:
 def _positive(table: Table, key: str, unit: str) -> float | None:
     value = table.number(key, unit, None)
     if value is not None and value <= 0:
-        what = "a standard deviation" if key == "noise" else "a step"
-        raise InputError(f"{table.at(key)}: found {value:g} {unit}, expected {what} above 0.")
+        quantity = "a standard deviation" if key == "noise" else "a step"
+        raise InputError(f"{table.at(key)}: found {value:g} {unit}, expected {quantity} above 0.")
     return value
 
 

@@ -1,4 +1,4 @@
-"""Writes results to a folder: all of them or none, and over older ones only on request."""
+"""Writes results to a folder: all of them or none, and over older ones only on request; reads and writes texts."""
 
 import contextlib
 import os
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from ..core import InputError
-from .file_lock import UNFINISHED, folder_lock, is_leftover
+from .file_lock import UNFINISHED, folder_lock, is_leftover, remove
 
 _RESULTS = """
 comparison.txt comparison.png residuals.png comparison.html report.txt report.html records predictions cycles.csv plots
@@ -35,11 +35,11 @@ def check_free(folder: Path, overwrite: bool) -> None:
 
     **Raises:** `InputError` if it holds results and `overwrite` is false, or cannot be written to.
     """
-    held = [name for name in (*_RESULTS, DRAWS, CANDIDATES) if (folder / name).exists()]
-    if held and not overwrite:
-        resume = ", or --resume to go on with them" if {DRAWS, CANDIDATES} & set(held) else ""
+    present = [name for name in (*_RESULTS, DRAWS, CANDIDATES) if (folder / name).exists()]
+    if present and not overwrite:
+        resume = ", or --resume to go on with them" if {DRAWS, CANDIDATES} & set(present) else ""
         raise InputError(
-            f"{folder}: found results already ({', '.join(held)}); expected another folder, or --overwrite{resume}."
+            f"{folder}: found results already ({', '.join(present)}); expected another folder, or --overwrite{resume}."
         )
     _check_writable(folder)
 
@@ -117,7 +117,7 @@ def staging_folder(folder: Path, names: Sequence[str] = _RESULTS) -> Iterator[Pa
             written = [name for name in reversed(names) if (staging / name).exists()]
             for name in reversed(names):
                 if name not in written[:1] or (folder / name).is_dir():
-                    _remove(folder / name)
+                    remove(folder / name)
             for name in written:
                 (staging / name).replace(folder / name)
         finally:
@@ -126,19 +126,26 @@ def staging_folder(folder: Path, names: Sequence[str] = _RESULTS) -> Iterator[Pa
 
 
 def _contents(folder: Path) -> _Contents:
-    found: _Contents = {}
+    contents: _Contents = {}
     for name in _RESULTS:
         with contextlib.suppress(OSError):
             status = (folder / name).stat()
-            found[name] = status.st_ino, status.st_mtime_ns
-    return found
+            contents[name] = status.st_ino, status.st_mtime_ns
+    return contents
 
 
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
+def read_text(file: Path, expected: str) -> str:
+    """The text of a `file` in UTF-8; **raises** `InputError` where it cannot be read as what is `expected`."""
+    try:
+        return file.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{file}: there is no such file, expected {expected}.") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file}: found {error.reason} at byte {error.start}, expected UTF-8 text.") from None
+    except (OSError, ValueError) as error:  # ValueError: of a name that no file can have
+        raise InputError(
+            f"{file}: cannot be read ({getattr(error, 'strerror', error)}), expected {expected}."
+        ) from None
 
 
 def write_text(file: Path, text: str) -> None:

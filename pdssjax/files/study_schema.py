@@ -106,27 +106,27 @@ def _actuator(entries: Mapping[str, Entry]) -> Document:
 
 def _composed_parameters() -> dict[str, Document]:
     """The parameters of a composed stack, by a pattern of their paths."""
-    made = [Composition(dynamics, law, 1, 2, 1) for dynamics in DYNAMICS for law in HYSTERESES]
-    fields = {field.name: field for composition in made for field in fields_of(composition)}
-    found: dict[str, Document] = {}
+    compositions = [Composition(dynamics, law, 1, 2, 1) for dynamics in DYNAMICS for law in HYSTERESES]
+    fields = {field.name: field for composition in compositions for field in fields_of(composition)}
+    tables: dict[str, Document] = {}
     for name, field in fields.items():
         declared = field.declared.metadata["quantity"]
         text = re.sub(r"\b[12]\b", "n", field.text) if name[-1].isdigit() else field.text
         path = re.sub(r"\d+$", r"\\d+", re.escape(f"piezo.{name}"))
-        found[rf"^{path}(@.+)?$"] = _parameter(declared, text)
-    found[r"^piezo\.[a-z_]+_\*(@.+)?$"] = {"type": "object", "description": "All that differ by a number."}
-    return found
+        tables[rf"^{path}(@.+)?$"] = _parameter(declared, text)
+    tables[r"^piezo\.[a-z_]+_\*(@.+)?$"] = {"type": "object", "description": "All that differ by a number."}
+    return tables
 
 
 def _parameters(entries: Mapping[str, Entry]) -> Document:
     """Every parameter of every member; those that a study may list depend on its models."""
-    found: dict[str, tuple[Quantity, str]] = {}
+    quantities: dict[str, tuple[Quantity, str]] = {}
     for name, entry in entries.items():
         family = name.partition("/")[0]
         for field, declared in entry.parameters.items():
             if family in ("piezo", "friction", *PARTS) or (family == "drive" and field != "frequency"):
-                found.setdefault(f"{family}.{field}", declared)
-    tables = {path: _parameter(*declared) for path, declared in found.items()}
+                quantities.setdefault(f"{family}.{field}", declared)
+    tables = {path: _parameter(*declared) for path, declared in quantities.items()}
     marked = {f"^{re.escape(path)}@.+$": table for path, table in tables.items()}
     return _table(tables, patternProperties=marked | _composed_parameters())
 
@@ -139,7 +139,7 @@ def _parameter(declared: Quantity, text: str) -> Document:
         "max": "Upper bound.",
         "standard_error": "Error of a value that was measured apart, which the fit uses as one more measurement.",
     }
-    return _table({key: _quantity(declared.unit, what) for key, what in keys.items()}, description=text)
+    return _table({key: _quantity(declared.unit, meaning) for key, meaning in keys.items()}, description=text)
 
 
 def _record(entries: Mapping[str, Entry]) -> Document:

@@ -16,6 +16,7 @@ from ..piezo.base import AbstractPiezo
 from ..study import Record, Study, drive_with, paths_in, shared_fields, split_path
 from .parameter_table import read_constraints, read_parameters
 from .record_table import read_record
+from .results_folder import read_text
 from .toml_table import Table
 
 FORMAT = "pdssjax-study/1"
@@ -79,16 +80,11 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
 
 def read_toml(path: Path) -> Document:
     """The content of a TOML file; **raises** `InputError` if it is missing or not valid TOML."""
+    text = read_text(path, "a study file")
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        document = tomllib.loads(text)
         str(document)  # raises here for hexadecimal integers too long to be written in messages
         return document
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file, expected a study file.") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}), expected a study file.") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: found {error.reason} at byte {error.start}, expected UTF-8 text.") from None
     except (ValueError, RecursionError) as error:  # beside syntax: integers and nesting beyond what Python reads
         raise InputError(f"{path}: found no valid TOML: {error}.") from None
 
@@ -145,8 +141,8 @@ def _check_jumps(top: Table, study: Study) -> None:
         where, measurement = f'{top.where}: record "{record.name}": drive', record.measurement
         if record.drive is None:
             continue
-        here = {base: numbers[path] for base, path in paths_in(numbers, record.conditions).items()}
-        jumps = drive_with(record, here).has_jumps()
+        record_numbers = {base: numbers[path] for base, path in paths_in(numbers, record.conditions).items()}
+        jumps = drive_with(record, record_numbers).has_jumps()
         if jumps and not amplified and measurement.at_a_jump():
             raise InputError(
                 f"{where}: found a voltage that jumps, expected a fall or rise time above 0 or an amplifier: "
@@ -167,8 +163,8 @@ def _check_measurements(top: Table, study: Study) -> None:
     nominal = {path: declared.nominal for path, declared in study.models.declared().items() if declared.optional}
     for record in study.records:
         known = nominal | {path: math.nan if p.value is None else p.value for path, p in study.parameters.items()}
-        here = {base: known[path] for base, path in paths_in(known, record.conditions).items()}
-        if reason := record.measurement.refused(study.models, here, record):
+        record_numbers = {base: known[path] for base, path in paths_in(known, record.conditions).items()}
+        if reason := record.measurement.refused(study.models, record_numbers, record):
             raise InputError(f'{top.where}: record "{record.name}": {reason}.')
 
 

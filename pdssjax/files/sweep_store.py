@@ -229,13 +229,13 @@ def _check_arrays(group: Group, columns: int, plan: BlockPlan) -> None:
     They may be longer, since an interrupted extension leaves room at the end.
     """
     for name, expected in _arrays(columns, plan).items():
-        found = group[name]
+        array = group[name]
         # Chunks of one block can be lost and computed again without the others.
-        chunks = found.chunks if name in ("values", "order") else expected.chunks
-        same = (str(found.dtype), found.chunks, found.shape[1:]) == (expected.dtype, chunks, expected.shape[1:])
-        if not same or found.shape[0] < expected.shape[0]:
-            there = f"{found.dtype} of shape {found.shape} in chunks of {found.chunks}"
-            raise ValueError(f"{name}: {there} in place of {expected.dtype} of shape {expected.shape}")
+        chunks = array.chunks if name in ("values", "order") else expected.chunks
+        same = (str(array.dtype), array.chunks, array.shape[1:]) == (expected.dtype, chunks, expected.shape[1:])
+        if not same or array.shape[0] < expected.shape[0]:
+            stored = f"{array.dtype} of shape {array.shape} in chunks of {array.chunks}"
+            raise ValueError(f"{name}: {stored} in place of {expected.dtype} of shape {expected.shape}")
 
 
 def _open_group(place: Path) -> Group:
@@ -253,28 +253,28 @@ def _open_group(place: Path) -> Group:
 
 def _plan_to_resume(place: Path, group: Group, document: Document, plan: BlockPlan) -> BlockPlan:
     """The plan of the store with the points of `plan`, maybe in other blocks; makes room for new points."""
-    other = differences(document, group.attrs["job"])
+    differing = differences(document, group.attrs["job"])
     points = int(group.attrs["points"])
     # The store keeps the size of its blocks on a machine with other devices.
     plan = dataclasses.replace(plan, lanes=group["found"].chunks[0])
-    whole = None if other else extend_plan(plan, np.asarray(group["values"][:points]))
-    if whole is None:
-        other = other or [f"{points} points, not all of them among these {len(plan.order)}"]
-        more = f", and {len(other) - 3} more" if len(other) > 3 else ""
+    extended = None if differing else extend_plan(plan, np.asarray(group["values"][:points]))
+    if extended is None:
+        differing = differing or [f"{points} points, not all of them among these {len(plan.order)}"]
+        more = f", and {len(differing) - 3} more" if len(differing) > 3 else ""
         raise InputError(
-            f"{place}: found the store of another sweep ({'; '.join(other[:3])}{more}); expected that of this one, "
+            f"{place}: found the store of another sweep ({'; '.join(differing[:3])}{more}); expected that of this one, "
             "another folder, or --overwrite."
         )
-    if len(whole.order) > points:
-        if points % whole.lanes:
+    if len(extended.order) > points:
+        if points % extended.lanes:
             # New points fill up this block.
-            group["status"][points // whole.lanes] = PENDING
-        for name, array in _arrays(group["found"].shape[1], whole).items():
+            group["status"][points // extended.lanes] = PENDING
+        for name, array in _arrays(group["found"].shape[1], extended).items():
             group[name].resize(array.shape)
-        group["values"][points:] = whole.values[points:]
-        group["order"][:] = whole.order
-        group.attrs["points"] = len(whole.order)  # last: an interrupted extension leaves room at the end
-    return whole
+        group["values"][points:] = extended.values[points:]
+        group["order"][:] = extended.order
+        group.attrs["points"] = len(extended.order)  # last: an interrupted extension leaves room at the end
+    return extended
 
 
 def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
@@ -356,18 +356,18 @@ def read_sweep(folder: Path) -> "xarray.Dataset":
     import xarray
 
     engines = {"sweep.nc": "scipy", "sweep.zarr": "zarr"}
-    held = [name for name in engines if (folder / name).exists()]
-    if not held:
+    names = [name for name in engines if (folder / name).exists()]
+    if not names:
         raise InputError(f"{folder}: found no {' or '.join(engines)}, expected the results of pdssjax sweep.")
     try:
-        with xarray.open_dataset(folder / held[0], engine=engines[held[0]]) as opened:
+        with xarray.open_dataset(folder / names[0], engine=engines[names[0]]) as opened:
             data = opened.load()
     except Exception as error:  # libraries raise errors of many types
-        raise InputError(f"{folder / held[0]}: cannot be read ({error}), expected a sweep.") from None
+        raise InputError(f"{folder / names[0]}: cannot be read ({error}), expected a sweep.") from None
     # Sweeps of older versions have no digest.
     if data.attrs.get(_CHECKSUM, "") not in ("", _checksum(data)):
         raise InputError(
-            f"{folder / held[0]}: found numbers that do not match their digest, expected the file as pdssjax sweep "
+            f"{folder / names[0]}: found numbers that do not match their digest, expected the file as pdssjax sweep "
             "wrote it; the sweep's command with --resume writes it again."
         )
     return data

@@ -132,9 +132,9 @@ def count_columns(document: Document) -> int:
 
 def empty_results(points: int, columns: int) -> Float[np.ndarray, "points columns"]:
     """Results of points that were not computed."""
-    found = np.full((points, columns), np.nan)
-    found[:, -1] = NOT_COMPUTED
-    return found
+    results = np.full((points, columns), np.nan)
+    results[:, -1] = NOT_COMPUTED
+    return results
 
 
 _COPIES = 4

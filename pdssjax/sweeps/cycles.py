@@ -378,10 +378,7 @@ def _decay(cycles: Cycles) -> Scalar:
 
 
 def measured_cycle(cycles: int | str) -> AbstractCycle:
-    """The cycle that `sweep(cycles=...)` asks for: a number, or "steady".
-
-    **Raises:** `InputError` for anything else.
-    """
+    """The cycle that `sweep(cycles=...)` asks for: a number, or "steady"; **raises** `InputError` for anything else."""
     if cycles == "steady":
         return Steady()
     # Integers of NumPy are legal, too.

@@ -122,15 +122,15 @@ def check_portable(document: Document) -> None:
 
 def differences(document: Document, other: Document, at: str = "") -> list[str]:
     """Lines such as "parameters.friction.f_ss_a: 0.8, not 0.7", with the number of the other document first."""
-    found: list[str] = []
+    lines: list[str] = []
     for key in sorted({*document, *other}):
-        here, there = document.get(key), other.get(key)
+        value, other_value = document.get(key), other.get(key)
         name = f"{at}.{key}".lstrip(".")
-        if isinstance(here, dict) and isinstance(there, dict):
-            found += differences(here, there, name)
-        elif here != there:
-            found.append(f"{name}: {_value_text(there)}, not {_value_text(here)}")
-    return found
+        if isinstance(value, dict) and isinstance(other_value, dict):
+            lines += differences(value, other_value, name)
+        elif value != other_value:
+            lines.append(f"{name}: {_value_text(other_value)}, not {_value_text(value)}")
+    return lines
 
 
 def _value_text(value: object) -> str:
@@ -266,13 +266,13 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
         threads = sum(cast(dict[str, int], client.nthreads()).values())
         if not threads:
             raise InputError(f"scheduler {address}: found no workers, expected at least one.")
-        here = package_version()
+        own_version = package_version()
         versions = cast(Any, client.run(importlib.metadata.version, "pdssjax", on_error="return"))
         for worker, version in versions.items():
-            if version != here:
+            if version != own_version:
                 found = f"pdssjax {version}" if isinstance(version, str) else "no pdssjax"
                 raise InputError(
-                    f"scheduler {address}: worker {worker}: found {found}, expected pdssjax {here} as here."
+                    f"scheduler {address}: worker {worker}: found {found}, expected pdssjax {own_version} as here."
                 )
         # A block is the same wherever and however often it is computed: a worker that dies is replaced.
         yield client.get_executor(pure=False, retries=2), threads

@@ -145,24 +145,24 @@ def compute_block(
     function: PointFunction, points: Float[np.ndarray, "lanes paths"]
 ) -> Float[np.ndarray, "lanes columns"]:
     """Metrics and failure of each point of a block, one row a point."""
-    found = np.column_stack(_results(_side_by_side, function, points, len(points)))
-    for few in _batches(np.flatnonzero(function.cycle.unfinished(found[:, :-1]))):
-        found[few] = np.column_stack(_results(_one_by_one, function, points[few]))
+    results = np.column_stack(_results(_side_by_side, function, points, len(points)))
+    for few in _batches(np.flatnonzero(function.cycle.unfinished(results[:, :-1]))):
+        results[few] = np.column_stack(_results(_one_by_one, function, points[few]))
     if not (function.further or function.by):
-        return found
+        return results
     # Further metrics and derivatives stand before the failure.
     details = np.full((len(points), len(function.columns) - len(function.cycle.metrics)), np.nan)
     # A block that is not full repeats its last point, which need not be computed again.
     last = len(points) - int(np.argmin(np.append((points[::-1] == points[-1]).all(axis=1), False)))
-    sound = np.flatnonzero(np.isin(found[: last + 1, -1], (0, GRAZING)))
+    sound = np.flatnonzero(np.isin(results[: last + 1, -1], (0, GRAZING)))
     for few in _batches(sound):
         numbers, failure = _results(_details, function, points[few])
-        known = np.where(np.isfinite(numbers) & np.isin(failure, (0, GRAZING))[:, None], numbers, np.nan)
-        details[few] = known
-        whole = np.where(np.isfinite(known).all(axis=1), 0, INCOMPLETE)
-        found[few, -1] = np.where((failure == GRAZING) | (found[few, -1] == GRAZING), GRAZING, whole)
-    details[last + 1 :], found[last + 1 :] = details[last], found[last]
-    return np.column_stack([found[:, :-1], details, found[:, -1]])
+        rows = np.where(np.isfinite(numbers) & np.isin(failure, (0, GRAZING))[:, None], numbers, np.nan)
+        details[few] = rows
+        whole = np.where(np.isfinite(rows).all(axis=1), 0, INCOMPLETE)
+        results[few, -1] = np.where((failure == GRAZING) | (results[few, -1] == GRAZING), GRAZING, whole)
+    details[last + 1 :], results[last + 1 :] = details[last], results[last]
+    return np.column_stack([results[:, :-1], details, results[:, -1]])
 
 
 def _results(

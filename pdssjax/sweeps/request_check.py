@@ -161,7 +161,7 @@ def derivative_numbers(paths: Sequence[str], study: Study, base: Record, known: 
     **Raises:** `InputError` for a path that is unknown, named twice, without a number, or a choice such as a direction.
     """
     legal, words = sweepable(study, base), sweepable_choices(base)
-    found = {}
+    numbers = {}
     for i, path in enumerate(paths):
         where = f'sweep: derivative by "{path}"'
         if path in words:
@@ -175,5 +175,5 @@ def derivative_numbers(paths: Sequence[str], study: Study, base: Record, known: 
         number = getattr(drive_of(base), path.removeprefix("drive."), None) if path.startswith("drive.") else None
         if number is None:
             raise InputError(f"{where}: found no number for it, expected one among the study's parameters or the axes.")
-        found[path] = float(number)
-    return found
+        numbers[path] = float(number)
+    return numbers

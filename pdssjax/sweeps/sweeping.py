@@ -196,10 +196,10 @@ def sweep(
                 "pdssjax and have the memory, and a scheduler that stays.  A store has the blocks that are done."
             ) from error
         rows = store.read()
-    found = np.full((len(planned.points), rows.shape[1]), np.nan)
-    found[:, -1] = SKIPPED
-    found[plan.order] = rows
-    return labelled(planned, found)
+    results = np.full((len(planned.points), rows.shape[1]), np.nan)
+    results[:, -1] = SKIPPED
+    results[plan.order] = rows
+    return labelled(planned, results)
 
 
 def _keep_blocks(
@@ -213,9 +213,9 @@ def _keep_blocks(
     plan, total = planned.plan, len(planned.points)
     size = lambda number: plan.place(number).stop - plan.place(number).start
     done, kept = total - sum(map(size, pending)), 0
-    for number, found in blocks:
+    for number, result in blocks:
         try:
-            rows = found()[: size(number)]
+            rows = result()[: size(number)]
         except (InputError, BrokenExecutor):
             raise
         except Exception as error:

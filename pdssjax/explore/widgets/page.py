@@ -272,12 +272,12 @@ class Page:
         settings = self._settings
 
         def all_scores(report: Report) -> dict[str, Score]:
-            found = {}
+            scores = {}
             for record in self._study.records:
                 report(record.name)  # raises where the job was cancelled
                 instants = instants_of(record, *initial_stretch(record))
-                found[record.name] = self._bench.records.redraw(record.name, settings, instants).score
-            return found
+                scores[record.name] = self._bench.records.redraw(record.name, settings, instants).score
+            return scores
 
         self._scoring = self._thread.start(all_scores, lambda scores, error: self._scored(scores, error, settings))
 

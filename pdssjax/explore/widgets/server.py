@@ -166,10 +166,7 @@ def _view(bench: Workbench) -> Widget:
 
 
 def _usable_port(port: int) -> int:
-    """`port`, or a free port for 0.
-
-    **Raises:** `OSError` where it is taken.
-    """
+    """`port`, or a free port for 0; **raises** `OSError` where it is taken."""
     with socket.socket() as tried:
         if os.name != "nt":  # on Windows this option takes the port of another server
             tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

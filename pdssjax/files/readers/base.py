@@ -8,7 +8,7 @@ import abc
 import contextlib
 import importlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import ClassVar, NamedTuple
@@ -155,23 +155,17 @@ def refusing(file: Path, expected: str) -> Iterator[None]:
         raise InputError(f"{file}: found a broken file ({reason}), expected {expected}.") from None
 
 
-def same_length(file: Path, lengths: dict[str, int]) -> int:
-    """The common length of channels, from the length of each by its name.
+def blocks_of(
+    file: Path, lengths: dict[str, int], first: int, read: Callable[[slice], Sequence[Float[np.ndarray, " samples"]]]
+) -> Iterator[Block]:
+    """The samples from `first` (from 0) on of channels with these `lengths`, by name; `read` gives them for a slice.
 
     **Raises:** `InputError` where lengths differ.
     """
-    if len(set(lengths.values())) > 1:
-        listed = ", ".join(f'{count} in "{name}"' for name, count in lengths.items())
+    count = next(iter(lengths.values()))
+    if any(length != count for length in lengths.values()):
+        listed = ", ".join(f'{length} in "{name}"' for name, length in lengths.items())
         raise InputError(f"{file}: found {listed}, expected channels of one length.")
-    return next(iter(lengths.values()))
-
-
-def blocks_of(file: Path, arrays: Sequence[tuple[str, Float[np.ndarray, " samples"]]], first: int) -> Iterator[Block]:
-    """The samples, from `first` (from 0) on, of channels that are in memory, each with its name.
-
-    **Raises:** `InputError` where they have different lengths.
-    """
-    count = same_length(file, {name: values.size for name, values in arrays})
     for begin in range(first, count, BLOCK):
         end = min(begin + BLOCK, count)
-        yield Block(np.column_stack([values[begin:end] for _, values in arrays]), np.arange(begin + 1, end + 1))
+        yield Block(np.column_stack(read(slice(begin, end))), np.arange(begin + 1, end + 1))

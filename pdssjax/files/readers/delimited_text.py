@@ -55,20 +55,20 @@ class DelimitedText(AbstractReader):
             refusing(self.file, self.expected),
             self.file.open(encoding=dialect.encoding, errors="replace", newline=None) as stream,
         ):
-            done = sum(1 for _ in islice(stream, dialect.skipped))
+            count = sum(1 for _ in islice(stream, dialect.skipped))
             while lines := list(islice(stream, BLOCK)):
-                places = np.arange(done + 1, done + len(lines) + 1)
-                done += len(lines)
+                places = np.arange(count + 1, count + len(lines) + 1)
+                count += len(lines)
                 holds = [not line.isspace() and not line.startswith("#") and line != "" for line in lines]
-                places, kept = places[holds], list(compress(lines, holds))
-                if first >= len(kept):
-                    first -= len(kept)
+                places, samples = places[holds], list(compress(lines, holds))
+                if first >= len(samples):
+                    first -= len(samples)
                     continue
-                places, kept, first = places[first:], kept[first:], 0
-                if kept:
-                    values = self._numbers(places, kept, positions)
+                places, samples, first = places[first:], samples[first:], 0
+                if samples:
+                    values = self._numbers(places, samples, positions)
                     if grouped is not None:
-                        self._check_thousands(grouped, places, values, kept)
+                        self._check_thousands(grouped, places, values, samples)
                     yield Block(values, places)
 
     def written(self, place: int, number: int) -> str:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core import InputError
-from .base import BLOCK, AbstractReader, Block, Channel, library, refusing, same_length
+from .base import AbstractReader, Block, Channel, blocks_of, library, refusing
 
 INTERVALS = ("interval", "sample_interval", "dt", "wf_increment", "XInc")
 START = ("start", "t0", "wf_start_offset", "XOrg")
@@ -69,25 +69,23 @@ class Hdf5(AbstractReader):
         with refusing(self.file, self.expected), h5py.File(self.file, "r") as opened:
             lines = _lines(opened)
             chosen = [lines[number - 1] for number in numbers]
-            count = same_length(self.file, {_name(line): _length(opened, line) for line in chosen})
             for line in chosen:
                 _check_stored(self.file, opened[line.path])
             unpackers = [_unpacker(self.file, opened[line.path], bool(line.field)) for line in chosen]
-            for begin in range(first, count, BLOCK):
-                end = min(begin + BLOCK, count)
-                parts = [unpack(_part(opened, of, begin, end)) for of, unpack in zip(chosen, unpackers, strict=True)]
-                yield Block(np.column_stack(parts), np.arange(begin + 1, end + 1))
+            pairs = list(zip(chosen, unpackers, strict=True))
+            read = lambda part: [unpack(_part(opened, line, part)) for line, unpack in pairs]
+            yield from blocks_of(self.file, {_name(line): _length(opened, line) for line in chosen}, first, read)
 
 
 def _lines(opened: Any) -> list[_Line]:
-    found: list[_Line] = []
+    lines: list[_Line] = []
 
-    def look(path: str, item: Any) -> None:
+    def visit(path: str, item: Any) -> None:
         if hasattr(item, "shape") and not path.startswith("#refs#"):
-            found.extend(_of_dataset(path, item))
+            lines.extend(_of_dataset(path, item))
 
-    opened.visititems(look)
-    return found
+    opened.visititems(visit)
+    return lines
 
 
 def _of_dataset(path: str, stored: Any) -> list[_Line]:
@@ -154,10 +152,10 @@ def _check_stored(file: Path, stored: Any) -> None:
     claimed = stored.size * stored.dtype.itemsize
     if stored.is_virtual or claimed <= 1 << 27:
         return
-    held = stored.id.get_storage_size()
-    if claimed > 2000 * held:  # deflate, the usual filter, makes 1032 bytes of one
+    size = stored.id.get_storage_size()
+    if claimed > 2000 * size:  # deflate, the usual filter, makes 1032 bytes of one
         raise InputError(
-            f'{file}: channel "{stored.name.lstrip("/")}": found {stored.size:.3g} samples claimed by {held} bytes, '
+            f'{file}: channel "{stored.name.lstrip("/")}": found {stored.size:.3g} samples claimed by {size} bytes, '
             "expected a file that holds them."
         )
 
@@ -184,12 +182,12 @@ def _length(opened: Any, line: _Line) -> int:
     return max(shape) if line.across is not None else shape[0]
 
 
-def _part(opened: Any, line: _Line, begin: int, end: int) -> np.ndarray:
+def _part(opened: Any, line: _Line, part: slice) -> np.ndarray:
     stored = opened[line.path]
     if line.field:
-        values = stored[line.field, begin:end]
+        values = stored[line.field, part]
     elif line.across is None:
-        values = stored[begin:end]
+        values = stored[part]
     else:
-        values = stored[line.across, begin:end] if line.transposed else stored[begin:end, line.across]
+        values = stored[line.across, part] if line.transposed else stored[part, line.across]
     return np.asarray(getattr(values, line.part) if line.part else values, float)

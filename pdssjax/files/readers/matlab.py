@@ -45,22 +45,23 @@ class Matlab(AbstractReader):
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         chosen = [self._arrays[number - 1] for number in numbers]
-        yield from blocks_of(self.file, [(array.name, array.values) for array in chosen], first)
+        lengths = {array.name: array.values.size for array in chosen}
+        yield from blocks_of(self.file, lengths, first, lambda part: [array.values[part] for array in chosen])
 
     @functools.cached_property
     def _arrays(self) -> list[_Array]:
         import scipy.io  # a quarter of a second
 
         with refusing(self.file, self.expected):
-            held = scipy.io.loadmat(self.file, simplify_cells=True)
-        variables = {key: value for key, value in held.items() if not key.startswith("__")}
-        found = [array for key, value in variables.items() for array in _flat(key, value, "")]
-        if not found:
+            content = scipy.io.loadmat(self.file, simplify_cells=True)
+        variables = {key: value for key, value in content.items() if not key.startswith("__")}
+        arrays = [array for key, value in variables.items() for array in _flat(key, value, "")]
+        if not arrays:
             raise InputError(
                 f"{self.file}: found no channel among {list(variables)[:6]}, expected arrays of numbers "
                 "(MATLAB's tables and timeseries: save them as plain arrays or structs)."
             )
-        return found
+        return arrays
 
 
 def _flat(name: str, value: Any, unit: str) -> list[_Array]:

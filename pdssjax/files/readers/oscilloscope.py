@@ -40,7 +40,8 @@ class Oscilloscope(AbstractReader):
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         active = self._active_channels()
         chosen = [active[number - 1] for number in numbers]
-        yield from blocks_of(self.file, [(channel.name, samples) for channel, samples in chosen], first)
+        lengths = {channel.name: samples.size for channel, samples in chosen}
+        yield from blocks_of(self.file, lengths, first, lambda part: [samples[part] for _, samples in chosen])
 
     def _active_channels(self) -> ActiveChannels:
         wfm = library("RigolWFM.wfm", "oscilloscope", self.file)

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ...core import InputError, InputWarning
-from .base import BLOCK, AbstractReader, Block, Channel, library, refusing, same_length
+from .base import AbstractReader, Block, Channel, blocks_of, library, refusing
 
 
 class Tdms(AbstractReader):
@@ -51,12 +51,9 @@ class Tdms(AbstractReader):
         with refusing(self.file, self.expected), _open_quietly(self.file) as opened:
             lines = _lines(opened)
             chosen = [lines[number - 1] for number in numbers]
-            count = same_length(self.file, {stored.name: len(stored) for stored, _ in chosen})
-            for begin in range(first, count, BLOCK):
-                end = min(begin + BLOCK, count)
-                parts = [(stored[begin:end], part) for stored, part in chosen]
-                values = np.column_stack([np.asarray(getattr(v, part) if part else v, float) for v, part in parts])
-                yield Block(values, np.arange(begin + 1, end + 1))
+            real = lambda values, part: np.asarray(getattr(values, part) if part else values, float)
+            read = lambda samples: [real(stored[samples], part) for stored, part in chosen]
+            yield from blocks_of(self.file, {stored.name: len(stored) for stored, _ in chosen}, first, read)
 
 
 def _open_quietly(file: Path) -> Any:
