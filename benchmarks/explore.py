@@ -34,7 +34,7 @@ def main() -> None:
 
 def turn(bench: Workbench, record: pdssjax.Record, factor: float) -> float:
     """Seconds for one redraw with another gain."""
-    settings = bench.begun.with_values({"piezo.gain": factor * bench.begun.values["piezo.gain"]})
+    settings = bench.initial.with_values({"piezo.gain": factor * bench.initial.values["piezo.gain"]})
     begun = time.perf_counter()
     found = bench.records.redraw_at_once(record.name, settings, instants_of(record, *initial_stretch(record)))
     assert found is not None and not found.message

@@ -1,8 +1,8 @@
-"""The page of `pdssjax explore`, on which the numbers of a study are changed and their effect is seen at once.
+"""The page of `pdssjax explore`, on which the user changes the numbers of a study and sees the effect at once.
 
-What it shows is computed without a browser: the numbers and their sliders (`settings`), the record predicted at these
-numbers (`live_record`), fits and sweeps in threads.  `widgets` has the page itself, the only home of
-Panel and Bokeh.  Imports `files` and the rooms below it.
+This room computes the contents without a browser: the numbers and their sliders (`settings`), the record predicted at
+these numbers (`live_record`), fits and sweeps in threads.  `widgets` has the page itself, the only home of Panel and
+Bokeh.  Imports `files` and the rooms below it.
 """
 
 from typing import TYPE_CHECKING

@@ -11,27 +11,26 @@ Result = TypeVar("Result")
 Report = Callable[[str], None]
 """Takes a line of progress.  Raises `KeyboardInterrupt`, once, where the work was asked to stop."""
 
-
 _STARTED: "weakref.WeakSet[BackgroundJob[Any]]" = weakref.WeakSet()
 
 
 def end_jobs(seconds: float) -> bool:
-    """Ask all jobs to stop, wait for them some seconds at most, and say whether all have ended.
+    """Ask all jobs to stop, wait at most so many `seconds`, and return whether all have ended.
 
-    A job that compiles cannot be stopped; one that still compiles at the end of Python aborts the process.
+    A job that compiles cannot be stopped; a job that still compiles at the end of Python aborts the process.
     """
-    until = time.monotonic() + seconds
-    for job in list(_STARTED):
+    until, jobs = time.monotonic() + seconds, list(_STARTED)
+    for job in jobs:
         job.cancel()
-    for job in list(_STARTED):
+    for job in jobs:
         job.join(max(until - time.monotonic(), 0.0))
-    return not any(job.runs for job in list(_STARTED))
+    return not any(job.is_running for job in jobs)
 
 
 class BackgroundJob(Generic[Result]):
-    """Runs `work` at once in a thread.
+    """Runs `work` at once in a thread, which calls `on_line` with each line of progress and `on_end` with the end.
 
-    In that thread `on_line` is given each line of progress, and `on_end` the result or the error.
+    The end is the result and None, or None and the error.
     """
 
     def __init__(
@@ -47,16 +46,16 @@ class BackgroundJob(Generic[Result]):
         self._thread.start()
 
     def cancel(self) -> None:
-        """Ask the work to stop; it does when it next reports progress."""
+        """Ask the work to stop at its next report of progress."""
         self._stop.set()
 
     @property
-    def runs(self) -> bool:
-        """Whether the work goes on."""
+    def is_running(self) -> bool:
+        """Whether the work has not ended yet."""
         return self._thread.is_alive()
 
     def join(self, seconds: float) -> None:
-        """Wait for the end, some seconds at most."""
+        """Wait for the end, at most so many `seconds`."""
         self._thread.join(seconds)
 
     def _run(self) -> None:
@@ -69,7 +68,7 @@ class BackgroundJob(Generic[Result]):
 
     def _report(self, line: str) -> None:
         if self._stop.is_set():
-            # Only once, since what cleans up after the interrupt may report, too.
+            # Only once, since the handling of the interrupt may report progress, too.
             self._stop.clear()
             raise KeyboardInterrupt
         self._on_line(line)

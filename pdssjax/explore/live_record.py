@@ -1,9 +1,9 @@
-"""Records of a study, predicted while their numbers are changed: compiled once, then a few milliseconds a time.
+"""Records of a study, predicted while the user changes numbers: compiled once, then in a few milliseconds each time.
 
-What is predicted becomes the curves that the page draws of a record, and how well it is predicted.
+The results are the curves that the page draws of a record, and the score of the prediction.
 
-Room for steps is what an integration costs most, so there is as much of it as the record takes, found by a run
-without output.  Numbers that need more are given more, which compiles anew; those that do not keep what they had.
+The room for steps dominates the cost of an integration.  A run without output finds how much a record takes.  Numbers
+that need more room compile anew; all others keep the smaller room.
 """
 
 import itertools
@@ -40,22 +40,22 @@ DRAWN = 4000
 """Largest number of samples of a record that are drawn."""
 
 OVERVIEW, ENLARGED = 700, 2000
-"""Number of instants at which the prediction is drawn, over the whole record and over the enlarged stretch."""
+"""Number of instants of the drawn prediction, over the whole record and over the enlarged stretch."""
 
 
 class Score(NamedTuple):
-    """How well a record is predicted."""
+    """The agreement of a record with its prediction."""
 
     rmse: float
     """Root mean square of the residuals, in the unit of the record."""
     chi2: float
     """Chi-square a degree of freedom; NaN where the simulation failed or no noise is known."""
     noise: float
-    """Standard deviation to which chi-square refers."""
+    """Standard deviation of the noise in chi-square."""
     noise_given: bool
     """Whether the study gives the noise; else it is estimated from neighbouring samples."""
     offset: float
-    """The zero of the record: given, or the best one at these numbers."""
+    """The zero of the record: given, or the best fit at these numbers."""
 
 
 class Redraw(NamedTuple):
@@ -72,20 +72,19 @@ class Redraw(NamedTuple):
     inside: Inside
     score: Score
     message: str
-    """Why the simulation failed; empty where it did not fail."""
+    """Reason of a failed simulation, else ""."""
 
 
 def redraw(record: Record, found: Observation, instants: Float[np.ndarray, " k"]) -> Redraw:
     """Compute the curves of `record` from its simulated observation `found`."""
     shown = np.asarray(found.shown)
     score = score_of(record, shown)
-    zero = score.offset
-    between = np.asarray(found.between) + zero
-    return Redraw(shown + zero, record.measured - shown - zero, instants, between, found.inside, score, found.message)
+    residual, between = record.measured - shown - score.offset, np.asarray(found.between) + score.offset
+    return Redraw(shown + score.offset, residual, instants, between, found.inside, score, found.message)
 
 
 def score_of(record: Record, shown: Float[np.ndarray, " samples"]) -> Score:
-    """How well `shown`, the prediction without an offset, explains the record."""
+    """The score of `shown`, the prediction without an offset."""
     zero = float(np.mean(record.measured - shown)) if record.offset is None else record.offset
     squares = float(np.sum((record.measured - shown - zero) ** 2))
     noise, count = known_noise(record), record.measured.size
@@ -95,21 +94,21 @@ def score_of(record: Record, shown: Float[np.ndarray, " samples"]) -> Score:
 
 
 def known_noise(record: Record) -> float:
-    """Standard deviation of a record's noise: given, or from neighbouring samples; NaN where these are too few."""
+    """Standard deviation of a record's noise: given, or from neighbouring samples; NaN where they are too few."""
     if record.noise is not None:
         return record.noise
     return scatter_floor(record.measured) if record.time.size >= 8 else math.nan
 
 
 def initial_stretch(record: Record) -> tuple[float, float]:
-    """The stretch [s] that is enlarged at first: around the fastest motion, such as a slip or the onset of a step."""
+    """The stretch [s] enlarged at the beginning: around the fastest motion, such as a slip or the onset of a step."""
     time = record.time
     width = max(60 * float(np.median(np.diff(time))), float(time[-1] - time[0]) / 60)
     jump = float(time[np.argmax(np.abs(np.diff(record.measured) / np.diff(time)))])
-    return within(record, jump - 0.15 * width, jump + 0.85 * width)
+    return clipped_stretch(record, jump - 0.15 * width, jump + 0.85 * width)
 
 
-def within(record: Record, begin: float, end: float) -> tuple[float, float]:
+def clipped_stretch(record: Record, begin: float, end: float) -> tuple[float, float]:
     """The stretch from `begin` to `end` [s], moved and shortened to lie within the record."""
     first, last = float(record.time[0]), float(record.time[-1])
     width = min(max(end - begin, (last - first) / 2000), last - first)
@@ -124,13 +123,13 @@ def cycle_of(record: Record) -> float:
 
 
 def instants_of(record: Record, begin: float, end: float) -> Float[np.ndarray, " k"]:
-    """Times [s] at which the prediction is drawn, dense from `begin` to `end`; their number is always the same."""
+    """Times [s] of the drawn prediction, dense from `begin` to `end`; their number is always the same."""
     whole = np.linspace(record.time[0], record.time[-1], OVERVIEW)
     return np.sort(np.concatenate([whole, np.linspace(begin, end, ENLARGED)]))
 
 
 def drawn_samples(record: Record) -> Int[np.ndarray, " drawn"]:
-    """Indices of the samples that are drawn: all, or the extremes of each of many stretches of a long record."""
+    """Indices of the samples to draw: all, or of a long record the extremes of each of many stretches."""
     size = record.time.size
     if size <= DRAWN:
         return np.arange(size)
@@ -140,7 +139,6 @@ def drawn_samples(record: Record) -> Int[np.ndarray, " drawn"]:
 
 
 Tree = TypeVar("Tree")
-"""A tree of numbers."""
 
 ACCURACY = 1e-11
 """Error of a step [m]: 3e-10 m along the records of the example, a thirtieth of their noise."""
@@ -149,18 +147,18 @@ _FEWEST = 512
 """Smallest capacity for integration steps."""
 
 _MOST_SEGMENTS = 1 << 18
-"""Most segments of a drive within a record; with a fifth as many the first drawing took 46 s on two busy cores."""
+"""Most segments of a drive within a record; a fifth of them took 46 s for the first drawing on two busy cores."""
 
 OUT_OF_STEPS = 1
-"""Failure code of a run that had too little room."""
+"""Failure code of a run with too little room for steps."""
 
 
 class _Room(NamedTuple):
-    """The sizes for which a function was compiled."""
+    """Capacities for which a function is compiled."""
 
     steps: int
     segments: int
-    """Segments of the drive; 0 where nothing depends on their number."""
+    """Segments of the drive; 0 where the function does not depend on their number."""
 
 
 class LiveRecord:
@@ -173,7 +171,7 @@ class LiveRecord:
         run, numbers = self._run_of(record, values)
         self._closed = is_closed(self.setup.system(self.models, numbers, run))
         self._rooms: list[_Room] = []
-        """Compiled capacities, the smallest first: that for an extreme number must not slow down all others."""
+        """Compiled capacities, the smallest first, so that one for extreme numbers does not slow down all others."""
         self._plan(record, values)
 
     def run(self, record: Record, values: Values, instants: Float[np.ndarray, " k"]) -> Observation:
@@ -181,20 +179,21 @@ class LiveRecord:
 
         **Arguments:**
 
-        - `record`: this record, maybe with other numbers of its drive.
+        - `record`: this record, possibly with other numbers of its drive.
         - `values`: the numbers [SI] of the parameters.
         - `instants`: times [s] on the clock of the record.
 
-        **Returns:** the prediction, which is NaN where the simulation fails; its `message` says why.  Compiles where
-        the numbers take more steps than there is room for.
+        Compiles where the numbers take more steps than there is room for.
 
-        **Raises:** `InputError` where the drive has too many segments to be shown.
+        **Returns:** the prediction, with NaN and a `message` where the simulation fails.
+
+        **Raises:** `InputError` where the drive has too many segments.
         """
         found = self.run_at_once(record, values, instants)
         return self._observed(record, values, instants, self._plan(record, values)) if found is None else found
 
     def run_at_once(self, record: Record, values: Values, instants: Float[np.ndarray, " k"]) -> Observation | None:
-        """Predict as `run` does, but return None where something would have to be compiled."""
+        """Predict as `run` does, but return None where a function must be compiled first."""
         segments = self._segments(record) if self._closed else 0
         for room in self._rooms:
             if room.segments >= segments:
@@ -210,10 +209,7 @@ class LiveRecord:
         return jax.tree.map(np.asarray, found)
 
     def _segments(self, record: Record) -> int:
-        """How many segments of its drive a record reaches into.
-
-        **Raises:** `InputError` where they are too many to be shown.
-        """
+        """Number of segments of its drive that a record reaches; **raises** `InputError` for too many to draw."""
         segments = self.setup.segments(record.drive, record.time)
         if segments > _MOST_SEGMENTS:
             raise InputError(
@@ -228,7 +224,7 @@ class LiveRecord:
         return with_room(Accuracy(ACCURACY, ACCURACY), self.setup, self.models, segments, end)
 
     def _run_of(self, record: Record, values: Values) -> tuple[Run, dict[str, Float[np.ndarray, ""]]]:
-        """The run of the record, and the numbers of the parameters that hold in it."""
+        """The run of the record, and the numbers of the parameters under its conditions."""
         numbers = {base: float(values[path]) for base, path in paths_in(values, record.conditions).items()}
         drive = None if record.drive is None else drive_with(record, numbers)
         motion = None if record.motion is None else jnp.asarray(record.motion)
@@ -236,7 +232,7 @@ class LiveRecord:
         return run, {path: np.asarray(n, float) for path, n in numbers.items()}
 
     def _plan(self, record: Record, values: Values) -> _Room:
-        """Add a larger room, in which the record can be predicted at the `values`."""
+        """Add a larger room, in which the record can be predicted at the `values`, and return this room."""
         run, numbers = self._run_of(record, values)
         segments = _power_of_two(2 * self._segments(record)) if self._closed else 0
         most = self._full_accuracy(record)
@@ -248,7 +244,7 @@ class LiveRecord:
 
 
 def _as_arrays(tree: Tree) -> Tree:
-    """`tree` with arrays in place of numbers, so that nothing is compiled again when they change."""
+    """`tree` with arrays in place of numbers, so that changed numbers compile nothing."""
     return jax.tree.map(lambda leaf: np.asarray(leaf, float), tree)
 
 
@@ -286,7 +282,7 @@ def steps_taken(
 
 
 class LiveRecords:
-    """The live records of a study, each compiled when it is first drawn, for all pages and threads."""
+    """The live records of a study for all pages and threads, each compiled when it is first drawn."""
 
     def __init__(self, study: Study):
         self.study = study
@@ -298,7 +294,7 @@ class LiveRecords:
         return name in self._live
 
     def redraw(self, name: str, settings: Settings, instants: Float[np.ndarray, " k"]) -> Redraw:
-        """What is drawn of the record `name` at the numbers of `settings`; may have to compile, which takes seconds."""
+        """The curves of the record `name` at the numbers of `settings`; may compile, which takes seconds."""
         record = self._at(name, settings)
         with self._locks[name]:
             live = self._live.get(name) or LiveRecord(self.study, record, settings.values)
@@ -307,7 +303,7 @@ class LiveRecords:
         return redraw(record, found, instants)
 
     def redraw_at_once(self, name: str, settings: Settings, instants: Float[np.ndarray, " k"]) -> Redraw | None:
-        """Redraw in milliseconds as `redraw` does, but return None where something must be compiled first."""
+        """The curves in milliseconds, as by `redraw`, or None where a function must be compiled first."""
         record, lock = self._at(name, settings), self._locks[name]
         if name not in self._live or not lock.acquire(blocking=False):
             return None

@@ -1,6 +1,6 @@
-"""The numbers that can be changed on the page: their sliders, all of them at once, and the study at these numbers.
+"""The numbers that the user can change on the page, their sliders, and the study at these numbers.
 
-They are all parameters of a study, and all numbers of the drive of the record that is shown.
+These are all parameters of a study, and all numbers of the drive of the record on the page.
 """
 
 import dataclasses
@@ -16,41 +16,40 @@ POSITIONS = 1000
 """Steps of a slider from end to end; an arrow key moves it by one."""
 
 DECADES = 10.0
-"""Factor either way that a slider of a positive number covers, where nothing bounds it."""
+"""Factor that a slider of a positive number covers in each direction, where no bound is given."""
 
 _SPANS = {"s": 2e-3, "N": 1.0, "rad": 0.1, "m": 1e-5, "V": 100.0}
 """Range of a slider whose number is zero, by its unit."""
 
 
 class SliderRange(NamedTuple):
-    """The ends of a slider [SI], and how numbers lie between them."""
+    """The ends of a slider [SI], and its scale."""
 
     low: float
     high: float
     logarithmic: bool
 
     def position(self, number: float) -> int:
-        """The position of `number` [SI], from 0 to `POSITIONS`; a number outside the range is at the nearest end."""
+        """The position of `number` [SI], from 0 to `POSITIONS`; outside the range that of the nearest end."""
         low, high, at = (math.log(x) if self.logarithmic else x for x in (self.low, self.high, self._within(number)))
         return round(POSITIONS * (at - low) / (high - low))
 
     def number(self, position: int) -> float:
         """The number [SI] at a `position`, rounded to the resolution of a step."""
-        part = position / POSITIONS
+        fraction = position / POSITIONS
         if self.logarithmic:
-            return self._within(float(f"{self.low * (self.high / self.low) ** part:.4g}"))
+            return self._within(float(f"{self.low * (self.high / self.low) ** fraction:.4g}"))
         step = (self.high - self.low) / POSITIONS
-        return round((self.low + part * (self.high - self.low)) / step) * step if step else self.low
+        return round((self.low + fraction * (self.high - self.low)) / step) * step if step else self.low
 
     def widened(self, number: float, quantity: Quantity) -> "SliderRange":
         """The range, extended within legal ends where `number` [SI] lies outside it."""
         if self.low <= number <= self.high:
             return self
-        ends = (
-            (number / 3.0, number * 3.0) if self.logarithmic else (number - abs(number) / 2, number + abs(number) / 2)
-        )
-        legal = max(ends[0], quantity.low), min(ends[1], max(number, _below(quantity.high)))
-        return self._replace(low=min(self.low, legal[0]), high=max(self.high, legal[1]))
+        half = abs(number) / 2
+        low, high = (number / 3.0, number * 3.0) if self.logarithmic else (number - half, number + half)
+        low, high = max(low, quantity.low), min(high, max(number, _below(quantity.high)))
+        return self._replace(low=min(self.low, low), high=max(self.high, high))
 
     def _within(self, number: float) -> float:
         return min(max(number, self.low), self.high)
@@ -60,12 +59,13 @@ def slider_range(quantity: Quantity, number: float, low: float | None = None, hi
     """The range of a slider that starts at `number` [SI].
 
     Its ends are `low` and `high` [SI], the bounds of the study, where these are given.  Otherwise a positive quantity
-    has a logarithmic slider with a factor `DECADES` either way, and any other a linear one to twice the number.
+    has a logarithmic slider with a factor `DECADES` in each direction, and any other a linear one to twice the number.
     """
     if quantity.positive:
-        ends = (number / DECADES if low is None else low), (number * DECADES if high is None else high)
-        lowest = ends[0] if ends[0] > 0 else number / DECADES**2
-        return SliderRange(lowest, min(ends[1], max(number, _below(quantity.high))), True)
+        begin = number / DECADES if low is None else low
+        end = number * DECADES if high is None else high
+        begin = begin if begin > 0 else number / DECADES**2
+        return SliderRange(begin, min(end, max(number, _below(quantity.high))), True)
     span = 2.0 * abs(number) or _SPANS.get(quantity.unit, 1.0)
     begin = (0.0 if number > 0 else -span) if low is None else low
     end = (0.0 if number < 0 else span) if high is None else high
@@ -73,12 +73,12 @@ def slider_range(quantity: Quantity, number: float, low: float | None = None, hi
 
 
 def _below(high: float) -> float:
-    """A legal number just below the end `high`, which is not legal itself."""
+    """A legal number just below the end `high`, which itself is not legal."""
     return high * (1.0 - 1e-6) if math.isfinite(high) else high
 
 
 _SMALLEST, _LARGEST = 1e-30, 1e30
-"""Sizes of a number [SI] other than zero: beyond those of any actuator, and well within those of floats."""
+"""Limits of the magnitude of a number [SI] other than zero: wider than for any actuator, well within floats."""
 
 
 class Knob(NamedTuple):
@@ -89,9 +89,9 @@ class Knob(NamedTuple):
     quantity: Quantity
     range: SliderRange
     free: bool
-    """Whether a fit changes it."""
+    """Whether a fit changes the number."""
     parameter: bool
-    """Whether it belongs to the study, or else to the drive of one record."""
+    """Whether the number is a parameter of the study; else it is one of a record's drive."""
 
     @property
     def unit(self) -> str:
@@ -103,19 +103,19 @@ class Knob(NamedTuple):
         return f"{number * display_unit(self.quantity.unit)[1]:.6g}"
 
     def read(self, text: str) -> float:
-        """The number [SI] in a `text`: in the unit of the page, or with a unit of its own ("200 Hz").
+        """The number [SI] in a `text`, in the unit of the page or in a unit of its own ("200 Hz").
 
         **Raises:** `InputError` where the text is no number, or the number is not legal.
         """
         text = text.strip().replace("µ", "u")
-        shown, factor = display_unit(self.quantity.unit)
+        unit, factor = display_unit(self.quantity.unit)
         try:
-            number, text = float(text) / factor, f"{text} {shown}"
+            number, text = float(text) / factor, f"{text} {unit}"
         except ValueError:
-            number = to_si(text, self.quantity.unit, self.path, shown)
+            number = to_si(text, self.quantity.unit, self.path, unit)
         if number and not _SMALLEST <= abs(number) <= _LARGEST:
-            found = f"{self.path}: found {number:g} {self.quantity.unit}".rstrip()
-            raise InputError(f"{found}, expected 0 or a size between {_SMALLEST:g} and {_LARGEST:g}.")
+            where = f"{self.path}: found {number:g} {self.quantity.unit}".rstrip()
+            raise InputError(f"{where}, expected 0 or a size between {_SMALLEST:g} and {_LARGEST:g}.")
         check_range(number, self.quantity, self.path, text)
         return number
 
@@ -142,7 +142,7 @@ def parameter_knobs(study: Study) -> list[Knob]:
 
 
 def drive_knobs(study: Study, record: Record) -> list[Knob]:
-    """Knobs of the numbers of the record's drive that are no parameters of the study; none without a drive."""
+    """Knobs of the numbers of the record's drive that are no parameters of the study; empty without a drive."""
     if record.drive is None:
         return []
     shared = {field for field, path in shared_fields(record).items() if path in study.parameters}
@@ -177,18 +177,18 @@ def drive_numbers(record: Record) -> dict[str, float]:
 
 
 def group_of(path: str) -> str:
-    """The heading of a parameter on the page, which is its model's, such as "friction"."""
+    """The heading of a parameter on the page: its model, such as "friction"."""
     return path.partition(MARK)[0].partition(".")[0]
 
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """All parameters of a page [SI]; immutable, so that threads may share them."""
+    """All numbers of a page [SI]; immutable, so that threads may share them."""
 
     values: Mapping[str, float]
     """Values of the study's parameters, by path."""
     drives: Mapping[str, Mapping[str, float]]
-    """Parameters of each record's drive, by the record's name and then by path, such as "drive.voltage"."""
+    """Numbers of each record's drive, by the record's name and then by path, such as "drive.voltage"."""
 
     def with_values(self, values: Mapping[str, float]) -> "Settings":
         """The settings with other numbers [SI] of some parameters; unknown paths are ignored."""
@@ -201,10 +201,7 @@ class Settings:
 
 
 def settings_of(study: Study) -> Settings:
-    """The settings with the numbers of a study.
-
-    **Raises:** `InputError` that names the parameters without a number.
-    """
+    """The settings with the numbers of a study; **raises** `InputError` that names the parameters without a number."""
     return Settings(study.values(), {record.name: drive_numbers(record) for record in study.records})
 
 
@@ -213,8 +210,9 @@ def changed_drives(study: Study, settings: Settings) -> dict[str, dict[str, floa
     changed = {}
     for record in study.records:
         before = drive_numbers(record)
-        changed[record.name] = {p: n for p, n in settings.drives[record.name].items() if n != before[p]}
-    return {name: numbers for name, numbers in changed.items() if numbers}
+        if numbers := {path: n for path, n in settings.drives[record.name].items() if n != before[path]}:
+            changed[record.name] = numbers
+    return changed
 
 
 def study_at(study: Study, settings: Settings) -> Study:
@@ -229,7 +227,7 @@ def study_at(study: Study, settings: Settings) -> Study:
     for record in study.records:
         if record.drive is not None and record.name in changed:
             fields = {path.removeprefix("drive."): number for path, number in changed[record.name].items()}
-            # They override the study's, but for words, which no study lists.
+            # Numbers override the study's parameters; words are none.
             overrides = record.overrides | (set(fields) - set(choices(type(inner_drive(record.drive)))))
             drive = record.drive.with_numbers(fields)
             record = dataclasses.replace(record, drive=drive, overrides=overrides)
@@ -237,8 +235,8 @@ def study_at(study: Study, settings: Settings) -> Study:
     return dataclasses.replace(study, parameters=parameters, records=tuple(records))
 
 
-def to_be_fitted(study: Study, settings: Settings) -> Study:
+def study_to_fit(study: Study, settings: Settings) -> Study:
     """The study whose fit starts at `settings`: as `study_at`, but measured parameters keep their measured value."""
-    there = study_at(study, settings)
-    apart = {path: p for path, p in study.parameters.items() if p.measured_apart}
-    return dataclasses.replace(there, parameters=there.parameters | apart)
+    started = study_at(study, settings)
+    measured = {path: p for path, p in study.parameters.items() if p.measured_apart}
+    return dataclasses.replace(started, parameters=started.parameters | measured)

@@ -1,4 +1,4 @@
-"""A sweep as a map: where its points lie, what was found there, and the motion at a point once it is chosen."""
+"""A sweep as a map: its points and metrics, and the motion at a chosen point."""
 
 import dataclasses
 import json
@@ -44,17 +44,17 @@ class SweepMap(NamedTuple):
     """The quantities that were varied, by path."""
     metrics: dict[str, tuple[str, Float[np.ndarray, " points"]]]
     """The label of each metric, with its unit, and its values in that unit; NaN where a point failed."""
-    held: dict[str, float]
+    shared: dict[str, float]
     """Parameters that all points share [SI], by path."""
     record: str
     """The record whose drive was varied."""
 
     def numbers(self, point: int) -> dict[str, float]:
         """Parameters of a point [SI], by path."""
-        return self.held | {path: float(axis.values[point]) for path, axis in self.axes.items()}
+        return self.shared | {path: float(axis.values[point]) for path, axis in self.axes.items()}
 
     def slice_of(self, shown: Sequence[str], point: int) -> Bool[np.ndarray, " points"]:
-        """Which points differ from `point` along the axes `shown` alone."""
+        """Whether each point agrees with `point` in all axes but those `shown`."""
         same = np.ones(next(iter(self.axes.values())).values.size, bool)
         for path, axis in self.axes.items():
             same &= (path in shown) | (axis.values == axis.values[point])
@@ -63,8 +63,8 @@ class SweepMap(NamedTuple):
 
 def sweep_map(data: "xarray.Dataset") -> SweepMap:
     """The map of a dataset made by `pdssjax.sweep`; bands are left out."""
-    names = [name for name, found in data.data_vars.items() if name != "failure" and "long_name" in found.attrs]
-    names = [str(name) for name in names if not str(name).endswith(("_sd", "_low", "_high", "_straight"))]
+    names = [str(name) for name, values in data.data_vars.items() if name != "failure" and "long_name" in values.attrs]
+    names = [name for name in names if not name.endswith(("_sd", "_low", "_high", "_straight"))]
     first = data[names[0]]
     known = {str(c.attrs.get("long_name", name)): c for name, c in data.coords.items() if "units" in c.attrs}
     axes = {}
@@ -73,19 +73,19 @@ def sweep_map(data: "xarray.Dataset") -> SweepMap:
             spread = coordinate.broadcast_like(first).transpose(*first.dims).values.ravel()
             if np.unique(spread).size > 1 or len(data.coords) == 1:
                 unit = str(coordinate.attrs["units"])
-                shown, scale = display_unit("" if unit == "1" else unit)
-                axes[path] = MapAxis(path, with_micro_sign(shown), scale, spread.astype(float))
+                display, scale = display_unit("" if unit == "1" else unit)
+                axes[path] = MapAxis(path, with_micro_sign(display), scale, spread.astype(float))
     metrics = {}
     for name in names:
         unit, scale = ("%", 100.0) if name == "efficiency" else display_unit(str(data[name].attrs.get("units", "1")))
-        says = str(data[name].attrs["long_name"]).replace(" (3.1)", "")
-        label = says if unit in ("", "1") else f"{says} ({with_micro_sign(unit)})"
+        label = str(data[name].attrs["long_name"]).replace(" (3.1)", "")
+        label += "" if unit in ("", "1") else f" ({with_micro_sign(unit)})"
         metrics[name] = label, scale * data[name].values.ravel().astype(float)
-    held = {path: float(entry["value"]) for path, entry in json.loads(data.attrs["parameters"]).items()}
-    held |= {str(key): float(value) for key, value in data.attrs.items() if str(key).startswith("drive.")}
+    shared = {path: float(entry["value"]) for path, entry in json.loads(data.attrs["parameters"]).items()}
+    shared |= {str(key): float(value) for key, value in data.attrs.items() if str(key).startswith("drive.")}
     # A coordinate that is the same at every point is no axis.
-    held |= {path: float(c.values.ravel()[0]) for path, c in known.items() if path not in axes}
-    return SweepMap(axes, metrics, held, str(data.attrs["record"]))
+    shared |= {path: float(c.values.ravel()[0]) for path, c in known.items() if path not in axes}
+    return SweepMap(axes, metrics, shared, str(data.attrs["record"]))
 
 
 class Tiles(NamedTuple):
@@ -103,14 +103,12 @@ def tiles_along(values: Float[np.ndarray, " points"]) -> Tiles:
     if places.size < 2:
         half = abs(float(places[0])) * 0.1 or 1.0
         return Tiles(values - half, values + half, False)
-    ratios = bool(
-        places.size > 2 and places[0] > 0 and _equal(places[1:] / places[:-1]) and not _equal(np.diff(places))
-    )
-    at = np.log(places) if ratios else places
+    logarithmic = places.size > 2 and places[0] > 0 and _equal(places[1:] / places[:-1]) and not _equal(np.diff(places))
+    at = np.log(places) if logarithmic else places
     middles = 0.5 * (at[1:] + at[:-1])
     edges = np.concatenate([[2 * at[0] - middles[0]], middles, [2 * at[-1] - middles[-1]]])
-    edges = np.exp(edges) if ratios else edges
-    return Tiles(edges[:-1][which.ravel()], edges[1:][which.ravel()], ratios)
+    edges = np.exp(edges) if logarithmic else edges
+    return Tiles(edges[:-1][which.ravel()], edges[1:][which.ravel()], bool(logarithmic))
 
 
 def ticks_along(values: Float[np.ndarray, " points"]) -> list[float]:
@@ -133,10 +131,10 @@ def is_grid(data: SweepMap, shown: Sequence[str]) -> bool:
 
 
 CYCLES = 5
-"""Cycles of the motion that are shown at a point."""
+"""Cycles of the motion shown at a point."""
 
 _INSTANTS = 1500
-"""Number of instants at which the motion at a point is drawn."""
+"""Number of instants of the motion drawn at a point."""
 
 _EACH_WAY = 9
 """Number of voltages, and of frequencies, of a small map."""
@@ -154,7 +152,7 @@ class PointMotion(NamedTuple):
     effector: Float[np.ndarray, " k"]
     """[m]"""
     message: str
-    """Why the simulation failed; empty where it did not fail."""
+    """Reason of a failed simulation, else ""."""
 
 
 class PointSimulation:
@@ -171,14 +169,14 @@ class PointSimulation:
         **Raises:** `InputError` where parameters are left without a number.
         """
         assert self.record.drive is not None
-        named = {field.name for field in dataclasses.fields(inner_drive(self.record.drive))}
+        names = {field.name for field in dataclasses.fields(inner_drive(self.record.drive))}
         fields = {path.removeprefix("drive."): n for path, n in numbers.items() if path.startswith("drive.")}
-        drive = self.record.drive.with_numbers({field: n for field, n in fields.items() if field in named})
+        drive = self.record.drive.with_numbers({field: n for field, n in fields.items() if field in names})
         frequency = drive.cycle_frequency()
         assert frequency is not None
         end = CYCLES / float(frequency)
         record = dataclasses.replace(self.record, drive=drive, time=np.linspace(0.0, end, 2), measured=np.zeros(2))
-        # What the drive has is no parameter of the study here.
+        # Numbers of the drive are no parameters of the study here.
         legal = self.study.legal()
         values = {path: n for path, n in numbers.items() if path in legal and not path.startswith("drive.")}
         parameters = {p: q for p, q in self.study.parameters.items() if not p.startswith("drive.")}
@@ -194,31 +192,25 @@ class PointSimulation:
 def small_map(study: Study, settings: Settings, report: Report, chosen: str) -> "xarray.Dataset":
     """Sweep voltage and frequency around those of a record, at the numbers of `settings`.
 
-    The record is the one called `chosen`, or the first with a periodic drive and an end-effector where it has none.
+    The record is that called `chosen` if this one has a periodic drive and an end-effector, else the first that has.
 
     **Raises:** `InputError` where no record has a periodic drive and an end-effector, or where this drive has no
     voltage and frequency.
     """
-    here = study_at(study, settings)
+    adjusted = study_at(study, settings)
     try:
-        record = driven_record(here, chosen)
+        record = driven_record(adjusted, chosen)
     except InputError:
-        record = driven_record(here, None)
+        record = driven_record(adjusted, None)
     assert record.drive is not None
     numbers = record.drive.numbers()
     if not {"voltage", "frequency"} <= set(numbers):
-        raise InputError(
-            f'record "{record.name}": found a drive without voltage and frequency, expected one with both.'
-        )
+        raise InputError(f'record "{record.name}": found a drive without voltage and frequency, expected both.')
     voltage, frequency = float(numbers["voltage"]), float(numbers["frequency"])
     axes = {
         "drive.voltage": voltage * np.linspace(0.25, 1.25, _EACH_WAY),
         "drive.frequency": frequency * np.geomspace(0.25, 4.0, _EACH_WAY),
     }
     report("sweeping: compiling")
-    return sweep(
-        here,
-        Grid(axes),
-        record=record.name,
-        progress=lambda done, points: report(f"sweeping: {done} of {points} points"),
-    )
+    progress = lambda done, points: report(f"sweeping: {done} of {points} points")
+    return sweep(adjusted, Grid(axes), record=record.name, progress=progress)

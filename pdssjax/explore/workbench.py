@@ -1,4 +1,4 @@
-"""What all pages of one `pdssjax explore` share: the study, its numbers, its live records, estimate and sweep."""
+"""The data that all pages of one `pdssjax explore` share: study, numbers, live records, estimate and sweep."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +10,7 @@ from ..inference import FitInterrupted, identify
 from ..study import Estimate, Record, Study
 from .background_job import Report
 from .live_record import LiveRecords, initial_stretch, instants_of
-from .settings import Settings, changed_drives, inner_drive, to_be_fitted
+from .settings import Settings, changed_drives, inner_drive, study_to_fit
 
 if TYPE_CHECKING:
     import xarray
@@ -20,7 +20,7 @@ class FitResult(NamedTuple):
     """The end of a fit."""
 
     estimate: Estimate | None
-    """None where the fit was cancelled before it had a point."""
+    """The estimate; None where the fit was cancelled before its first point."""
     message: str
     """A line for the user."""
 
@@ -31,25 +31,25 @@ def fit_from_here(study: Study, settings: Settings, report: Report) -> FitResult
     **Raises:** `InputError` where there is nothing to fit.
     """
     try:
-        estimate = identify(to_be_fitted(study, settings), progress=report)
+        estimate = identify(study_to_fit(study, settings), progress=report)
     except KeyboardInterrupt as interrupt:
         estimate = interrupt.estimate if isinstance(interrupt, FitInterrupted) else None
         if estimate is None:
-            return FitResult(None, "The fit was cancelled before it had found anything.")
+            return FitResult(None, "The fit was cancelled before its first result.")
         return FitResult(estimate, "The fit was cancelled; the sliders show the best point so far, not an optimum.")
     return FitResult(estimate, f"The fit {estimate.verdict} in {estimate.seconds:.3g} s: {estimate.message}.")
 
 
 @dataclass
 class Workbench:
-    """Made once for all pages, which read it from the server's thread and from their jobs."""
+    """The shared data, made once; pages read it from the server's thread and from their jobs."""
 
     study: Study
-    """The study, with a number for every parameter; those that its file leaves free are free."""
-    begun: Settings
-    """The numbers with which the page begins."""
+    """The study, with a number for every parameter; free parameters stay free."""
+    initial: Settings
+    """The numbers at the beginning."""
     estimate: Estimate | None = None
-    """The estimate that the page shows first."""
+    """The estimate shown at the beginning."""
     sweep: "xarray.Dataset | None" = None
     records: LiveRecords = field(init=False)
 
@@ -61,14 +61,14 @@ class Workbench:
         return next(record for record in self.study.records if record.name == name)
 
     def first(self) -> Record:
-        """The record that is shown first: the first with a free end-effector, or else the first."""
+        """The record shown at the beginning: the first with a free end-effector, or else the first."""
         free = [record for record in self.study.records if record.measurement.effector_free]
         return (free or list(self.study.records))[0]
 
     def warm(self, record: Record | None = None) -> None:
-        """Compile the drawing of a record, by default of the first shown."""
+        """Compile the curves of a record, by default of the `first`."""
         record = record or self.first()
-        self.records.redraw(record.name, self.begun, instants_of(record, *initial_stretch(record)))
+        self.records.redraw(record.name, self.initial, instants_of(record, *initial_stretch(record)))
 
     def free_path(self) -> Path:
         """A path beside this study that does not exist yet, for a new study."""
@@ -78,7 +78,7 @@ class Workbench:
         return next(path for path in tried if not path.exists())
 
     def save(self, settings: Settings, target: Path, overwrite: bool) -> Path:
-        """Write the study with the numbers of `settings` to `target`, and return the file's whole path.
+        """Write the study with the numbers of `settings` to `target`, and return the absolute path.
 
         **Raises:** `InputError` as `files.save_study` does.
         """

@@ -17,7 +17,7 @@ from .readers.base import AbstractSource, Channel
 from .record_columns import Layout, scaled
 
 SI = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s", "force": "N"}
-"""Quantities that are looked for, and their units."""
+"""The quantities of a record, with their SI units."""
 
 _NAMES = {
     "time": ("time", "zeit", "t_"),
@@ -26,22 +26,25 @@ _NAMES = {
     "velocity": ("velocity", "speed", "geschwindigkeit", "v_"),
     "force": ("friction", "reib", "force", "kraft", "f_", "ff", "tangential"),
 }
-"""How names begin that are preferred to others of the same unit, or of none."""
+"""Beginnings of names, which are preferred among channels of the same unit, or of none."""
 
 _SYMBOLS = {"time": ("t",), "voltage": ("u",), "displacement": ("x",), "velocity": ("xdot", "xd"), "force": ("f",)}
-"""Names as they stand in equations, which arrays of MATLAB often have."""
+"""Names as in equations, which arrays of MATLAB often have."""
+
+_USUAL_UNITS = SI | {"displacement": "um", "velocity": "mm/s"}
+"""Units of examples in messages."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Hints:
-    """The user's options on all files."""
+    """The user's options for all files."""
 
     columns: Mapping[str, str]
-    """By quantity, the name or the number of its channel; "none" of a voltage that was not recorded."""
+    """By quantity, the name or the number of its channel; "none" for a voltage that was not recorded."""
     units: Mapping[str, str]
     scales: Mapping[str, float | str]
     interval: float | None = None
-    """Between samples [s], where no clock was stored."""
+    """Interval between samples [s], where no clock was stored."""
     decimal: str = ""
 
 
@@ -51,38 +54,41 @@ class Roles:
 
     file: Path
     channels: Mapping[str, Channel]
-    """By quantity; no "time" where the file or an option keeps the clock, no "voltage" where none was recorded."""
+    """By quantity; no "time" where the file or an option has the clock, no "voltage" where none was recorded."""
     by_shape: frozenset[str]
-    """Quantities that were told without a unit, by their samples and names: guesses."""
+    """Quantities whose channel is a guess: chosen without a unit, by its samples and name."""
     layout: Layout
-    """How a study reads them."""
+    """The columns as a study describes them."""
 
     @property
     def motion(self) -> str:
-        """Quantity measured of the motion: "displacement" or "velocity"."""
+        """Measured quantity of the motion: "displacement" or "velocity"."""
         return "velocity" if "velocity" in self.channels else "displacement"
 
 
 def roles_of(file: Path, hints: Hints) -> Roles:
-    """Which channels of `file` are what."""
+    """Assign the channels of `file` to the quantities of a record.
+
+    **Raises:** `InputError` that lists the channels and names the options where a role or a unit is not certain.
+    """
     reader = open_file(file, hints.decimal)
     channels = reader.channels()
     search = _RoleSearch(file, reader, channels, hints)
-    wanted: dict[str, Callable[[Channel], bool]] = {
+    shapes: dict[str, Callable[[Channel], bool]] = {
         "time": search.increases,
         "voltage": search.is_a_drive,
         search.motion(): search.may_move,
     }
     if search.is_clocked() and "time" not in hints.columns:
-        del wanted["time"]
+        del shapes["time"]
     if hints.columns.get("voltage") == "none":
-        del wanted["voltage"]
+        del shapes["voltage"]
     faults: list[str] = []
-    for quantity, shaped in wanted.items():
+    for quantity, has_shape in shapes.items():
         try:
-            search.choose(quantity, shaped)
+            search.choose(quantity, has_shape)
         except InputError as fault:
-            # Of two channels, the answer to the first question tells the other one.
+            # Of the last two channels, the user's choice of one settles the other.
             if not faults or len(channels) - len(search.chosen) > 2:
                 faults.append(str(fault))
     try:
@@ -90,7 +96,7 @@ def roles_of(file: Path, hints: Hints) -> Roles:
     except InputError as fault:
         faults.append(str(fault))
     if not faults:
-        return search.found()
+        return search.roles()
     guessed = {quantity: c for quantity, c in search.chosen.items() if quantity not in hints.columns}
     if guessed:
         faults.append("took channel " + ", ".join(f'{c.number} ("{c.name}") for the {q}' for q, c in guessed.items()))
@@ -98,12 +104,12 @@ def roles_of(file: Path, hints: Hints) -> Roles:
 
 
 def friction_roles(file: Path, hints: Hints) -> Roles | None:
-    """Which channels of `file` are what, if it is of a contact alone: a force, a motion, and times where it has some.
+    """The roles in a `file` of a contact alone: a force, a motion, and times where the file has them.
 
-    None where it has no force, or shows a voltage that drives a piezo.
+    None where the file has no force, or a voltage that drives a piezo.
     """
     reader = open_file(file, hints.decimal)
-    # A force across the contact is none of friction.
+    # The normal force is no friction.
     normal = ("normal", "load", "last", "fn", "fz")
     channels = [c for c in reader.channels() if not c.name.lower().startswith(normal)]
     has = lambda quantity: quantity in hints.columns or any(c.measures(SI[quantity]) for c in channels)
@@ -122,13 +128,13 @@ def friction_roles(file: Path, hints: Hints) -> Roles | None:
         motion = "velocity" if called("velocity") and not called("displacement") else "displacement"
     search.choose(motion, search.may_move)
     search.check_units()
-    # A study names the motion of a contact before the force.
+    # Studies of a contact name the motion before the force.
     search.chosen["force"] = search.chosen.pop("force")
-    return search.found(needs_clock=False)
+    return search.roles(needs_clock=False)
 
 
 def _called(channel: Channel, quantity: str) -> bool:
-    """Whether a channel's name, the last part of its path, says the `quantity`."""
+    """Whether a channel's name, the last part of its path, means the `quantity`."""
     name = channel.name.rpartition("/")[2].strip().lower()
     return name.startswith(_NAMES[quantity]) or name in _SYMBOLS[quantity]
 
@@ -138,10 +144,9 @@ def _is_trigger(channel: Channel) -> bool:
 
 
 def _example_of_scale(quantity: str, channel: Channel) -> str:
-    """The option that makes a `quantity` of a sensor's volts or amperes; "" for other quantities and units."""
-    usual = {"displacement": "um", "velocity": "mm/s", "force": "N"}.get(quantity)
-    is_sensor = channel.measures("V") or channel.measures("A")
-    return f'--scale "{quantity}=0.5 {usual}/{channel.unit}"' if usual and is_sensor else ""
+    """The option that converts a sensor's volts or amperes to a `quantity`; "" for other quantities and units."""
+    is_sensor = quantity not in ("time", "voltage") and (channel.measures("V") or channel.measures("A"))
+    return f'--scale "{quantity}=0.5 {_USUAL_UNITS[quantity]}/{channel.unit}"' if is_sensor else ""
 
 
 @dataclasses.dataclass
@@ -153,19 +158,19 @@ class _RoleSearch:
     channels: Sequence[Channel]
     hints: Hints
     chosen: dict[str, Channel] = dataclasses.field(default_factory=dict)
-    """By quantity, its channel."""
+    """The channel of each quantity chosen so far."""
     guessed: set[str] = dataclasses.field(default_factory=set)
-    """Quantities whose channel no unit told."""
+    """Quantities whose channel was chosen without a unit."""
 
-    def found(self, needs_clock: bool = True) -> Roles:
+    def roles(self, needs_clock: bool = True) -> Roles:
         """The roles of the channels that were chosen."""
         columns = {quantity: self._name(channel) for quantity, channel in self.chosen.items()}
-        given = self.hints
-        layout = Layout(columns, SI, given.units, given.scales, given.interval, 0.0, given.decimal, needs_clock)
+        hints = self.hints
+        layout = Layout(columns, SI, hints.units, hints.scales, hints.interval, 0.0, hints.decimal, needs_clock)
         return Roles(self.file, self.chosen, frozenset(self.guessed), layout)
 
     def _name(self, channel: Channel) -> str | int:
-        """The name of a channel where it has one of its own, else its number."""
+        """The name of a channel where no other channel has it, else its number."""
         for name in (channel.name, channel.written):
             alike = [other for other in self.channels if name in (other.name, other.written)]
             if name and name != str(channel.number) and alike == [channel]:
@@ -173,71 +178,73 @@ class _RoleSearch:
         return channel.number
 
     def is_clocked(self) -> bool:
-        """Whether the file, or an option, tells the times without a channel of them."""
+        """Whether the file or an option gives a clock, without a channel of times."""
         return self.hints.interval is not None or any(channel.interval for channel in self.channels)
 
     def motion(self) -> str:
-        """What the file holds of a motion: a displacement, or where it has none, a velocity."""
-        given = [quantity for quantity in ("displacement", "velocity") if quantity in self.hints.columns]
-        if len(given) == 2:
+        """The quantity of the motion: "displacement", or "velocity" where the file has no displacement."""
+        options = [quantity for quantity in ("displacement", "velocity") if quantity in self.hints.columns]
+        if len(options) == 2:
             raise InputError(f"{self.file}: found both --displacement and --velocity, expected one of them.")
         has = lambda unit: any(channel.measures(unit) for channel in self.channels)
-        if known := given or [quantity for quantity in ("displacement", "velocity") if has(SI[quantity])]:
+        if known := options or [quantity for quantity in ("displacement", "velocity") if has(SI[quantity])]:
             return known[0]
         for unit, kind in (("N", "force"), ("m/s^2", "acceleration")):
             if has(unit):
                 raise InputError(
-                    f"{self.file}: found no displacement or velocity, but a channel in {unit}, of which nothing is "
-                    f'guessed: leave the file out, and add a [[record]] with measures = "{kind}" to the study that is '
+                    f"{self.file}: found no displacement or velocity, but a channel in {unit}, from which no study is "
+                    f'made: leave the file out, and add a [[record]] with measures = "{kind}" to the study that is '
                     'made ("What can be measured" in docs/study-file.md), or name a motion by --displacement.'
                 )
         return "displacement"
 
-    def choose(self, quantity: str, shaped: Callable[[Channel], bool]) -> None:
-        """Choose the channel of a `quantity`, one that is `shaped` like it where no unit tells which."""
-        if given := self.hints.columns.get(quantity):
-            self.chosen[quantity] = find_channel(self.reader, self.file, self.channels, name_or_number(given))
+    def choose(self, quantity: str, has_shape: Callable[[Channel], bool]) -> None:
+        """Choose the channel of a `quantity`: by option, unit and name, else by the shape of its samples."""
+        if option := self.hints.columns.get(quantity):
+            self.chosen[quantity] = find_channel(self.reader, self.file, self.channels, name_or_number(option))
             return
-        left = [channel for channel in self.channels if channel not in self.chosen.values()]
-        fitting = [channel for channel in left if self._may_be(channel, quantity)]
+        remaining = [channel for channel in self.channels if channel not in self.chosen.values()]
+        fitting = [channel for channel in remaining if self._may_be(channel, quantity)]
         named = [channel for channel in fitting if _called(channel, quantity)]
-        if len(fitting) > 1 and quantity == "voltage":
-            # A command and a monitor of it, both in volts: which is at the piezo only the user knows.
-            named = named if len([channel for channel in fitting if shaped(channel)]) < 2 else []
+        if quantity == "voltage" and len(fitting) > 1 and sum(map(has_shape, fitting)) > 1:
+            # A command and a monitor, both in volts: only the user knows which is at the piezo.
+            named = []
         for candidates in (fitting, named):
             if len(candidates) == 1:
                 self.chosen[quantity] = candidates[0]
                 return
-        # Without units, or with several that fit, the shapes decide, and names.
-        unfit = {channel for channel in left if channel.unit and not channel.letter} - set(fitting)
-        shapes = [channel for channel in named or fitting or [c for c in left if c not in unfit] if shaped(channel)]
+        # Without units, or with several channels of the unit, shapes decide, then names.
+        unfit = {channel for channel in remaining if channel.unit and not channel.letter} - set(fitting)
+        shapes = [
+            channel for channel in named or fitting or [c for c in remaining if c not in unfit] if has_shape(channel)
+        ]
         by_name = [channel for channel in shapes if not fitting and _called(channel, quantity)]
         for candidates in (shapes, by_name):
             if len(candidates) == 1:
                 self.chosen[quantity] = candidates[0]
                 self.guessed.add(quantity)
                 return
-        self._ask(quantity, shapes, left)
+        self._ask(quantity, shapes, remaining)
 
-    def _ask(self, quantity: str, shapes: Sequence[Channel], left: Sequence[Channel]) -> None:
-        """Raise the error that asks for the channel of a `quantity`, with those of its shape, or else those `left`."""
-        moving = shapes or [channel for channel in left if self.may_move(channel)] or left
+    def _ask(self, quantity: str, shapes: Sequence[Channel], remaining: Sequence[Channel]) -> None:
+        """**Raises** `InputError` with the channels of the right shape, or else those `left`, and the option."""
+        moving = shapes or [channel for channel in remaining if self.may_move(channel)] or remaining
         listed = ", ".join(f'{c.number}: "{c.name}"' + (f" [{c.unit}]" if c.unit else "") for c in moving[:8])
-        more = {
-            "time": ', or --interval "50 us" with that between samples',
-            "voltage": ' (or "none": then --peak tells the voltage)',
+        advice = {
+            "time": ', or --interval "50 us" with the interval between samples',
+            "voltage": ' (or "none" and the voltage by --peak)',
         }.get(quantity, "")
         if all(channel.unit and not self._may_be(channel, quantity) for channel in moving):
             example = next(filter(None, (_example_of_scale(quantity, channel) for channel in moving)), "")
-            more += f", and --scale with the factor of its numbers, such as {example}" if example else ""
+            advice += f", and --scale with the factor of its numbers, such as {example}" if example else ""
         found = "several channels" if len(shapes or ([] if quantity == "time" else moving)) > 1 else "no channel"
         raise InputError(
             f"{self.file}: found {found} that may be the {quantity} ({listed or 'none is left'}), "
-            f"expected --{quantity} with a name or a number{more}."
+            f"expected --{quantity} with a name or a number{advice}."
         )
 
     def check_units(self) -> None:
-        """Ask for the units that neither the file nor an option tells."""
+        """**Raises** `InputError` for units that are unknown or of another quantity."""
         missing = [
             quantity
             for quantity, channel in self.chosen.items()
@@ -245,13 +252,12 @@ class _RoleSearch:
         ]
         if missing:
             listed = ", ".join(f'the {q} in channel {self.chosen[q].number} ("{self.chosen[q].name}")' for q in missing)
-            usual = SI | {"displacement": "um", "velocity": "mm/s"}
-            options = " ".join(f"--unit {q}={usual[q]}" for q in missing)
+            options = " ".join(f"--unit {q}={_USUAL_UNITS[q]}" for q in missing)
             raise InputError(f"{self.file}: found no unit of {listed}, expected options such as {options}.")
         for quantity, channel in self.chosen.items():
-            here = channel._replace(letter=False)
-            if channel.unit and quantity not in self.hints.units and not self._may_be(here, quantity):
-                example = _example_of_scale(quantity, here)
+            with_unit = channel._replace(letter=False)
+            if channel.unit and quantity not in self.hints.units and not self._may_be(with_unit, quantity):
+                example = _example_of_scale(quantity, with_unit)
                 scale = f"--scale with the factor of its numbers, such as {example}, or " if example else ""
                 raise InputError(
                     f'{self.file}: found the {quantity} in channel {channel.number} ("{channel.name}") in '
@@ -259,12 +265,12 @@ class _RoleSearch:
                 )
 
     def _may_be(self, channel: Channel, quantity: str) -> bool:
-        """Whether a channel's unit is one of the `quantity`, with the factor where one is given."""
-        given = self.hints.scales.get(quantity)
-        if given is None or not channel.unit:
+        """Whether a channel's unit, times the scale where one is given, is one of the `quantity`."""
+        scale = self.hints.scales.get(quantity)
+        if scale is None or not channel.unit:
             return channel.measures(SI[quantity])
         try:
-            return bool(scaled(given, channel.unit, SI[quantity], ""))
+            return bool(scaled(scale, channel.unit, SI[quantity], ""))
         except InputError:
             return False
 
@@ -275,7 +281,7 @@ class _RoleSearch:
         return values[np.isfinite(values)]
 
     def increases(self, channel: Channel) -> bool:
-        """Whether a channel may be a clock: its steps are even."""
+        """Whether a channel may be a clock: it increases in roughly even steps."""
         steps = np.diff(self._values(channel))
         return bool(steps.size > 2 and np.all(steps > 0) and np.ptp(steps) < 0.5 * np.median(steps))
 
@@ -286,7 +292,7 @@ class _RoleSearch:
         return bool(changes and not np.all(np.diff(values) == 1.0) and not _is_trigger(channel))
 
     def is_a_drive(self, channel: Channel) -> bool:
-        """Whether a channel has one of the waveforms, which a motion has not."""
+        """Whether a channel is one of the waveforms of drives, which no motion is."""
         values = self._values(channel)
         if _is_trigger(channel) or values.size < 16 or np.ptp(values) == 0 or self.increases(channel):
             return False

@@ -1,4 +1,4 @@
-"""Characterises the record in a file: which columns to read, checks of what was read, figures, cycles and plots."""
+"""Characterises the record in a file: chooses and checks its columns, writes figures, cycles and plots."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -27,13 +27,16 @@ def characterise(
     slip_duration: float = 0.0,
     decimal: str = "",
 ) -> Characterisation:
-    """Walking or pushing of the actuator that the `file` records, of any format that is known.
+    """Characterise the walking or pushing of the actuator in `file`, of any known format.
 
-    **Arguments:** `time`, `displacement` and `force` name columns; left out, they are told by
-    their names and units.  `units` gives the units of "time", "displacement" or "force" where the
-    name of the column does not end in one.  `frequency` [Hz] of the drive; left out, it is found.
-    `window` [s] keeps part of the record.  `slip_duration` [s] as for `per_cycle.cycle_metrics`.
-    `decimal` is the decimal sign of a text, "" where the file is to tell it.
+    **Arguments:**
+
+    - `time`, `displacement`, `force`: names of columns; if left out, they are chosen by name and unit.
+    - `units`: of "time", "displacement" or "force" where the name of the column does not end in one.
+    - `frequency`: of the drive [Hz]; if left out, it is found.
+    - `window`: the part of the record to keep [s].
+    - `slip_duration`: [s] as for `per_cycle.cycle_metrics`.
+    - `decimal`: the decimal sign of a text, "" to detect it.
 
     **Raises:** `InputError` if the file or an option is at fault or no cycle is found.  Warns with
     `InputWarning` where the cycles are doubtful.
@@ -43,7 +46,7 @@ def characterise(
     try:
         read = read_columns(file, Layout(columns, si, units or {}, decimal=decimal), window)
     except InputError as error:
-        # Here no study tells the unit, an option does.
+        # Without a study, an option gives the unit.
         text = str(error)
         for quantity, unit in si.items():
             text = text.replace(f'the key "{quantity}" in [record.units]', f'the option --unit "{quantity}={unit}"')
@@ -64,7 +67,7 @@ def characterise(
 
 
 def _choose(file: Path, named: Mapping[str, str | None], decimal: str) -> tuple[str, dict[str, str | int]]:
-    """The quantity measured, and the columns to read; without "time" where the file keeps a clock instead."""
+    """The measured quantity and the columns to read, without "time" where the file has a clock."""
     if named["displacement"] and named["force"]:
         raise InputError(f"{file}: found both a displacement and a force to read, expected one of them.")
     channels = open_file(file, decimal).channels()
@@ -78,18 +81,17 @@ def _choose(file: Path, named: Mapping[str, str | None], decimal: str) -> tuple[
         words = {"displacement": ("displacement", "position"), "force": ("force",)}[measures]
         preferred = [channel for channel in fitting if any(word in channel.name.lower() for word in words)]
         if fitting:
-            column = fitting[0] if len(fitting) == 1 else _choose_one(file, preferred or fitting, measures, channels)
-            return measures, {**clock, measures: column.number}
+            return measures, {**clock, measures: _choose_one(file, preferred or fitting, measures, channels).number}
     return "displacement", {**clock, "displacement": _choose_one(file, [], "displacement", channels).number}
 
 
 def _clock(file: Path, named: str | None, channels: Sequence[Channel], decimal: str) -> dict[str, str | int]:
-    """The column of the times; none where the file keeps a clock."""
+    """The column of the times; empty where the file has a clock."""
     if named:
         return {"time": name_or_number(named)}
     if any(channel.interval is not None for channel in channels):
         return {}
-    # Other names that instruments give the column of the times.
+    # Other names of the column of the times in files of instruments.
     names = ("t", "s", "in s", "second", "seconds", "x-axis", "zeit", "source")
     fitting = [c for c in channels if c.name.rpartition("/")[2].lower().startswith(("time", "t_"))]
     fitting = fitting or [c for c in channels if (c.measures("s") or not c.unit) and c.name.lower() in names]
@@ -103,7 +105,7 @@ def _clock(file: Path, named: str | None, channels: Sequence[Channel], decimal: 
 def _choose_one(file: Path, fitting: Sequence[Channel], quantity: str, channels: Sequence[Channel]) -> Channel:
     if len(fitting) == 1:
         return fitting[0]
-    found = f"{len(fitting)} columns that may be the {quantity}" if fitting else f"no column that tells the {quantity}"
+    found = f"{len(fitting)} columns that may be the {quantity}" if fitting else f"no column with the {quantity}"
     listed = ", ".join(f'"{channel.name}"' for channel in fitting or channels)
     raise InputError(
         f"{file}: found {found} ({listed}), expected the option --{quantity} with a column's name or number."
@@ -114,32 +116,31 @@ def write_characterisations(found: Sequence[Characterisation], folder: Path) -> 
     """Put `characterise.json`, `cycles.csv` and a plot of each record into `folder`, in place of older results."""
     from ..report.figures import cycle_figure, save_figure
 
-    stems = file_stems(one.name for one in found)
+    records = dict(zip(file_stems(record.name for record in found), found, strict=True))
     with staging_folder(folder) as staging:
         (staging / "plots").mkdir()
-        for stem, record in zip(stems, found, strict=True):
+        for stem, record in records.items():
             save_figure(cycle_figure(record), staging / "plots" / f"{stem}.png")
-        _write_cycles(dict(zip(stems, found, strict=True)), staging / "cycles.csv")
-        records = [_record_document(record) for record in found]
-        document = {"format": "pdssjax-characterisation/1", "records": records}
+        _write_cycles(records, staging / "cycles.csv")
+        document = {"format": "pdssjax-characterisation/1", "records": [_record_document(record) for record in found]}
         write_text(staging / "characterise.json", json_text(document))
 
 
-def _write_cycles(found: dict[str, Characterisation], file: Path) -> None:
-    """A row a cycle, in display units; cells stay empty where a record has no such figure."""
-    units = {name: summary.unit for record in found.values() for name, summary in record.summary.items()}
-    names = list(dict.fromkeys(name for record in found.values() for name in record.metrics))
-    shown = {name: display_unit(units[name]) for name in names}
-    titles = [f"{name}_{unit}" if unit else name for name, (unit, _) in shown.items()]
+def _write_cycles(records: dict[str, Characterisation], file: Path) -> None:
+    """Write a row for each cycle, in display units; cells stay empty where a record has no such figure."""
+    units = {name: summary.unit for record in records.values() for name, summary in record.summary.items()}
+    names = list(dict.fromkeys(name for record in records.values() for name in record.metrics))
+    display = {name: display_unit(units[name]) for name in names}
+    titles = [f"{name}_{unit}" if unit else name for name, (unit, _) in display.items()]
     with file.open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(["record", "cycle", "start_s", *titles])
-        for stem, record in found.items():
+        for stem, record in records.items():
             for index in range(record.cycles.count):
                 start = record.cycles.start + index / record.cycles.frequency
-                cells = [record.metrics[n][index] * shown[n][1] if n in record.metrics else None for n in names]
-                written = ["" if cell is None else f"{cell:.6g}" for cell in cells]
-                table.writerow([stem, index + 1, f"{start:.15g}", *written])
+                metrics = record.metrics
+                cells = [f"{metrics[n][index] * display[n][1]:.6g}" if n in metrics else "" for n in names]
+                table.writerow([stem, index + 1, f"{start:.15g}", *cells])
 
 
 def _record_document(record: Characterisation) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""The [design] table of a study: what rig, sensor and recorder can do, and what the next records may take together.
+"""The [design] table of a study: limits of rig, sensor and recorder, and the budget of the next records.
 
-An option of the command line is a line of the same table, and goes before it.
+An option of the command line is a line of the same table, and takes precedence.
 """
 
 import tomllib
@@ -39,52 +39,54 @@ BUDGET_KEYS = ("samples", "records", "seconds", "cost")
 
 
 class DesignTable(NamedTuple):
-    """Limits and budget of the next records, by the study and the options."""
+    """Limits and budget of the next records, from study and options."""
 
     limits: Limits
     budget: Resources
     document: Document
-    """The table, as a plan's study has it."""
+    """The table, for the study of the plan."""
 
 
 def read_design(study: Path, lines: Sequence[str] = (), budget: Mapping[str, str] | None = None) -> DesignTable:
-    """The [design] table of a file, with `lines` of TOML and a `budget`, by key, before what it says.
+    """The [design] table of a `study` file; `lines` of TOML and the entries of `budget` take precedence.
 
-    **Raises:** `InputError` for what is unknown, missing or of another unit.
+    **Raises:** `InputError` for entries that are unknown, missing or of another unit.
     """
-    stated: Document = dict(Table(read_toml(study), str(study)).table("design", "a table", {}).entries)
+    document: Document = dict(Table(read_toml(study), str(study)).table("design", "a table", {}).entries)
     for line in lines:
         try:
-            stated |= tomllib.loads(line)
+            document |= tomllib.loads(line)
         except ValueError as error:
             raise InputError(
                 f"option --limit: found {line!r:.80}, expected a line of TOML such as 'interval = \"50 us\"': {error}."
             ) from None
-    table = Table(stated, f"{study}: design")
+    table = Table(document, f"{study}: design")
     table.only(DESIGN_KEYS)
     example = "a table such as { samples = 2000, records = 4 }"
-    given = {key: int(text) if text.isdecimal() else text for key, text in (budget or {}).items()}
-    stated["budget"] = {**table.table("budget", example, {}).entries, **given}
-    spent = table.table("budget", example)
-    spent.only(BUDGET_KEYS)
+    options = {key: int(text) if text.isdecimal() else text for key, text in (budget or {}).items()}
+    document["budget"] = {**table.table("budget", example, {}).entries, **options}
+    limits = table.table("budget", example)
+    limits.only(BUDGET_KEYS)
     expected = "a whole number above 0, as in --budget samples=2000 records=4"
-    rest = {key: spent.number(key, unit) for key, unit in (("seconds", "s"), ("cost", "")) if key in spent.entries}
-    spendable = Resources(samples=spent.whole("samples", expected), records=spent.whole("records", expected), **rest)
-    return DesignTable(_limits(table), spendable, stated)
+    others = {key: limits.number(key, unit) for key, unit in (("seconds", "s"), ("cost", "")) if key in limits.entries}
+    resources = Resources(
+        samples=limits.whole("samples", expected), records=limits.whole("records", expected), **others
+    )
+    return DesignTable(_limits(table), resources, document)
 
 
 def _limits(table: Table) -> Limits:
     rig = table.table("rig", 'a table such as { "effector.tilt" = ["-5 deg", "5 deg"] }', {})
-    # A path that is none is refused afterwards, with what may be set.
+    # Unknown paths are refused afterwards, with those that may be set.
     rig_units = {f"{name}.{field}": q.unit for name, part in PARTS.items() for field, q in quantities(part).items()}
 
     def pair(key: str, unit: str) -> tuple[float, float] | None:
         if key not in table.entries:
             return None
-        found = _numbers(table, key, unit)
-        if len(found) != 2:
+        ends = _numbers(table, key, unit)
+        if len(ends) != 2:
             raise InputError(f"{table.at(key)}: found {table.entries[key]}, expected the least and the greatest.")
-        return found[0], found[1]
+        return ends[0], ends[1]
 
     return Limits(
         kinds=_texts(table, "kinds") or None,
@@ -112,15 +114,15 @@ def _unit(kind: str) -> str:
 
 
 def _texts(table: Table, key: str) -> tuple[str, ...]:
-    found = table.get(key, list, "a list of names", [])
-    if not all(isinstance(name, str) for name in found) or (key in table.entries and not found):
-        raise InputError(f"{table.at(key)}: found {found}, expected a list of names.")
-    return tuple(found)
+    names = table.get(key, list, "a list of names", [])
+    if not all(isinstance(name, str) for name in names) or (key in table.entries and not names):
+        raise InputError(f"{table.at(key)}: found {names}, expected a list of names.")
+    return tuple(names)
 
 
 def _numbers(table: Table, key: str, unit: str) -> tuple[float, ...]:
-    found = table.get(key, list, "a list of numbers", [])
-    inner = Table(dict(enumerate(found)), table.at(key))  # pyright: ignore[reportArgumentType]
+    entries = table.get(key, list, "a list of numbers", [])
+    inner = Table(dict(enumerate(entries)), table.at(key))  # pyright: ignore[reportArgumentType]
     return tuple(inner.number(place, unit) for place in inner.entries)
 
 
@@ -130,7 +132,7 @@ def _by_kind(table: Table, key: str, unit: Callable[[str], str]) -> dict[str, fl
 
 
 def read_knowledge(file: Path) -> Knowledge:
-    """What `file`, an estimate.json, tells a plan: values, covariance, misfit, and parameters with open intervals.
+    """The values, covariance, misfit and parameters with open intervals in `file`, an estimate.json, for a plan.
 
     **Raises:** `InputError` if the file is missing or no estimate.
     """

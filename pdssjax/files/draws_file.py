@@ -1,10 +1,9 @@
 """Draws of a bootstrap or a posterior on the disk: line by line while a run makes them, and all of them as its result.
 
-While it draws, a run keeps each draw as a line of a file, so that it goes on where it is broken off.  The first line
-says of what the draws are, each line after it holds one entry as JSON; numbers are written in full, and null where they
-are not finite.  Each line ends with a digest: that of the first line is the run's, of study, settings and fit; that of
-an entry is of the run and the entry, so that what was damaged, or came from another run, does not match and is drawn
-again.
+A run appends each draw to a file, so that an interrupted run can go on.  The first line identifies the run: study,
+settings and fit.  Each line after it holds one entry as JSON, with numbers in full, and null where they are not finite.
+Each line ends with a digest: of the first line, or of run and entry.  A line that was damaged, or came from another
+run, does not match its digest, and its entry is drawn again.
 
 The result is in SI.  A posterior goes to posterior.nc, in the groups that ArviZ expects:
 `arviz.from_netcdf("posterior.nc")` opens it, as `xarray.open_datatree` does.  A bootstrap goes to bootstrap.csv, a
@@ -26,7 +25,7 @@ from jaxtyping import Float
 from ..core import Document, InputError, InputWarning
 from ..study import Draws
 from .json_text import finite_numbers
-from .reading_process import Pairs, answers
+from .reading_process import Pairs, run_isolated
 from .record_results import write_columns
 from .results_folder import DRAWS, write_whole
 
@@ -34,18 +33,17 @@ FORMAT = "pdssjax-draws/5"
 
 
 def holds_draws(folder: Path) -> bool:
-    """Whether a run has begun to draw in the `folder` of its results."""
+    """Whether the `folder` has the draws of an unfinished run."""
     return (folder / DRAWS).exists()
 
 
 class DrawsFile:
     """A store of draws (`inference.Store`) on the disk.
 
-    Where the disk takes nothing more the run goes on in memory alone, and an `InputWarning` says so once: the fit and
-    the draws still to be made are worth more than the file.
+    Where the disk cannot be written to, the run goes on in memory alone, with one `InputWarning`: the fit and the draws
+    still to be made are worth more than the file.
 
-    **Arguments:** the `folder` of the results; `resume` what its file holds, or refuse to where there is none and
-    begin anew.
+    **Arguments:** the `folder` of the results; `resume` reads the draws in its file.
 
     **Raises:** `InputError` where there is nothing to resume, or the file is none of draws.  Warns with `InputWarning`
     of lines that are left out, since they are damaged or of another run.
@@ -77,13 +75,13 @@ class DrawsFile:
         return tuple(self._entries)
 
     def keep(self, entry: Document) -> None:
-        """Append a line, which is on the disk when this returns, if that has room."""
+        """Append a line, which is on the disk when this returns unless a write has failed."""
         self._entries.append(entry)
         self._write(_line(finite_numbers(entry), self._run), anew=False)
 
     def _write(self, text: str, anew: bool) -> None:
         """Append `text`, or write the file `anew` with it alone."""
-        # A line after one that was cut would spoil the file: after the first that fails nothing more is written.
+        # A line after a cut one would spoil the file, so that nothing is written after the first failure.
         if not self._is_writable:
             return
         try:
@@ -91,7 +89,7 @@ class DrawsFile:
                 self._file.parent.mkdir(parents=True, exist_ok=True)
                 write_whole(self._file, text.encode())
                 return
-            with self._file.open("r+b") as lines:  # which fails where somebody has removed it
+            with self._file.open("r+b") as lines:  # fails where somebody has removed the file
                 lines.seek(0, os.SEEK_END)
                 lines.write(text.encode())
                 lines.flush()
@@ -99,8 +97,8 @@ class DrawsFile:
         except OSError as error:
             self._is_writable = False
             warnings.warn(
-                f"{self._file}: cannot be written to ({error.strerror or error}); what is drawn from now on is kept in "
-                "memory alone, and lost if the run is broken off.",
+                f"{self._file}: cannot be written to ({error.strerror or error}); draws from now on are kept in memory "
+                "alone, and lost if the run is broken off.",
                 InputWarning,
                 stacklevel=4,
             )
@@ -125,7 +123,7 @@ class DrawsFile:
             raise InputError(f'{self._file}: line 1: found no "format": "{FORMAT}", {expected}.')
         if head.pop("digest", None) != _digest_of(head, ""):
             raise InputError(
-                f"{self._file}: line 1: found something else than its digest is of, {expected}; begin anew without "
+                f"{self._file}: line 1: found content that does not match its digest, {expected}; begin anew without "
                 "--resume."
             )
         self._begun, self._run = head, _digest_of(head, "")
@@ -140,8 +138,8 @@ class DrawsFile:
         if damaged:
             listed = ", ".join(map(str, damaged[:5])) + (", ..." if len(damaged) > 5 else "")
             warnings.warn(
-                f"{self._file}: found {len(damaged)} lines that are damaged or of another run (line {listed}); what "
-                "they held is drawn again.",
+                f"{self._file}: found {len(damaged)} lines that are damaged or of another run (line {listed}); their "
+                "entries are drawn again.",
                 InputWarning,
                 stacklevel=4,
             )
@@ -172,10 +170,10 @@ _FILES = {"bootstrap": "bootstrap.csv", "posterior": "posterior.nc"}
 
 
 def write_draws(draws: Draws, units: dict[str, str], folder: Path) -> None:
-    """Put all draws into `folder`; `units` by path of the parameter."""
+    """Write all draws to `folder`; `units` by path of the parameter."""
     if draws.kind == "bootstrap":
-        named = [f"{path} [{units[path]}]" if units[path] else path for path in draws.names]
-        columns = dict(zip(named, draws.values[0].T, strict=True))
+        headers = [f"{path} [{units[path]}]" if units[path] else path for path in draws.names]
+        columns = dict(zip(headers, draws.values[0].T, strict=True))
         write_columns(folder / _FILES["bootstrap"], columns, "%.10g")
     else:
         _write_posterior(draws, units, folder / _FILES["posterior"])
@@ -196,7 +194,7 @@ def read_draws(estimate: Path, kind: str) -> tuple[tuple[str, ...], Float[np.nda
         )
     try:
         if kind == "posterior":
-            paths, columns = zip(*answers(posterior_of, place), strict=True)
+            paths, columns = zip(*run_isolated(posterior_of, place), strict=True)
             return paths, np.stack(columns, axis=1)
         with place.open(encoding="utf-8") as lines:
             names = tuple(column.partition(" [")[0] for column in lines.readline().strip().split(","))
@@ -207,11 +205,11 @@ def read_draws(estimate: Path, kind: str) -> tuple[tuple[str, ...], Float[np.nda
 
 
 def posterior_of(file: Path) -> Pairs:
-    """The path of each parameter in a posterior, and its draws; asked of another process."""
+    """The path of each parameter in a posterior, and its draws; runs in a process of its own."""
     import xarray
 
-    with file.open("rb") as begin:
-        grouped = begin.read(4) == b"\x89HDF"
+    with file.open("rb") as stream:
+        grouped = stream.read(4) == b"\x89HDF"
     engine, group = ("h5netcdf", "posterior") if grouped else ("scipy", None)
     with xarray.open_dataset(file, engine=engine, group=group) as data:
         for name in data.data_vars:
@@ -223,18 +221,18 @@ def _write_posterior(draws: Draws, units: dict[str, str], file: Path) -> None:
 
     chains, each, _ = draws.values.shape
     coordinates = {"chain": np.arange(chains), "draw": np.arange(each)}
-    about = {"inference_library": "pdssjax", "description": draws.description, "seed": draws.seed}
+    attributes = {"inference_library": "pdssjax", "description": draws.description, "seed": draws.seed}
     drawn = {
         path: (("chain", "draw"), draws.values[:, :, i], {"units": units[path]}) for i, path in enumerate(draws.names)
     }
-    posterior = xarray.Dataset(drawn, coordinates, about)
+    posterior = xarray.Dataset(drawn, coordinates, attributes)
     if any(importlib.util.find_spec(package) is None for package in ("h5netcdf", "h5py")):
-        # Without groups, which the older format has not; ArviZ takes the dataset once xarray has opened it.
+        # The older format has no groups; ArviZ takes the dataset once xarray has opened it.
         posterior.to_netcdf(file, engine="scipy")
         return
-    # Truth values as they are in ArviZ's own files, of a type that every reader of the format knows.
+    # Booleans as in ArviZ's own files, in a type that every reader of the format knows.
     storable = lambda values: np.asarray(values, np.int8) if values.dtype == bool else values
     numbers = {name: (("chain", "draw"), storable(values)) for name, values in draws.statistics.items()}
-    statistics = xarray.Dataset(numbers, coordinates, about)
+    statistics = xarray.Dataset(numbers, coordinates, attributes)
     tree = xarray.DataTree.from_dict({"/posterior": posterior, "/sample_stats": statistics})
     tree.to_netcdf(file, engine="h5netcdf")

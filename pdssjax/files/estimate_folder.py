@@ -1,4 +1,4 @@
-"""Reads a folder of results back: the estimate that `pdssjax identify` wrote, or a page of it for a colleague."""
+"""Reads a folder of results: the estimate that `pdssjax identify` wrote, or a page to send."""
 
 import dataclasses
 import json
@@ -16,6 +16,7 @@ from ..study import Draws, Estimate, FittedParameter, FittedRecord, Multistart, 
 from .draws_file import read_draws
 from .estimate_results import read_estimate
 from .record_results import COMPARED, VOLTAGE, file_stems, prescribed_column
+from .results_folder import read_text
 
 Entry: TypeAlias = Any
 """A value of a JSON document, or the type that it is read as."""
@@ -25,14 +26,14 @@ _INFINITE = {(FittedParameter, "degrees_of_freedom"), (ParameterError, "degrees_
 
 
 def read_estimate_folder(place: Path) -> Estimate:
-    """The estimate in a folder of results, with the samples of its records as far as `predictions/` has them.
+    """The estimate in a folder of results, with the samples of its records in `predictions/`.
 
-    Samples have the nine digits of those files, and a record without a file has no samples: a fit that was broken off
-    writes none.  Draws are read where their file is still there.
+    Samples have the nine digits of those files.  A record without a file, as of an interrupted fit, has no samples.
+    Draws are read where their file exists.
 
-    **Arguments:** `place` is the folder, or the file in it that is the estimate.json.
+    **Arguments:** `place` is the folder, or the estimate.json in it.
 
-    **Raises:** `InputError` where there is no estimate, or a file is not what `pdssjax identify` wrote.
+    **Raises:** `InputError` where there is no estimate, or a file that `pdssjax identify` did not write.
     """
     file = place / "estimate.json" if place.is_dir() else place
     document = read_estimate(file)
@@ -41,8 +42,8 @@ def read_estimate_folder(place: Path) -> Estimate:
     except InputError:
         raise
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        what = f"no key {error}" if isinstance(error, KeyError) else str(error).partition("\n")[0]
-        raise InputError(f"{file}: found {what}, expected an estimate that pdssjax identify wrote.") from None
+        found = f"no key {error}" if isinstance(error, KeyError) else str(error).partition("\n")[0]
+        raise InputError(f"{file}: found {found}, expected an estimate that pdssjax identify wrote.") from None
 
 
 def _estimate(document: Document, file: Path) -> Estimate:
@@ -51,7 +52,7 @@ def _estimate(document: Document, file: Path) -> Estimate:
     covariances = {name: rows for name, rows in document.get("covariances", {}).items() if name != "names"}
     stems = file_stems(record["name"] for record in document["records"])
     files = [file.parent / "predictions" / f"{stem}.csv" for stem in stems]
-    found: Document = {
+    fields: Document = {
         "names": names,
         "covariance": matrix(document["covariance"]["matrix"]),
         "correlation": matrix(document["correlation"]["matrix"]),
@@ -60,14 +61,14 @@ def _estimate(document: Document, file: Path) -> Estimate:
         "records": tuple(_record(*pair) for pair in zip(document["records"], files, strict=True)),
         "draws": None if document.get("draws") is None else _draws(document["draws"], file),
     }
-    # What is left stands in the document as in the estimate; an earlier version did not write all of it.
+    # The document has the other fields as the estimate has them; earlier versions did not write all of them.
     kinds = get_type_hints(Estimate)
-    left = {key: document[key] for key in kinds if key in document and key not in found}
-    return Estimate(**found, **{key: _decoded(kinds[key], entry) for key, entry in left.items()})
+    others = {key: _decoded(kinds[key], document[key]) for key in kinds if key in document and key not in fields}
+    return Estimate(**fields, **others)
 
 
 def _decoded(kind: Entry, entry: Entry, missing: float = math.nan) -> Entry:
-    """A value of the document as the type `kind`, an annotation of a result's field; `missing` is for null.
+    """An `entry` of the document as the type `kind`, an annotation of a field; `missing` replaces null.
 
     **Raises:** `KeyError`, `TypeError` or `ValueError` where it is not of that type.
     """
@@ -93,11 +94,11 @@ def _decoded(kind: Entry, entry: Entry, missing: float = math.nan) -> Entry:
 
 
 def _numbers(entry: Entry, missing: float = math.nan) -> np.ndarray:
-    """The array that a list, or a list of lists, holds, of the type of its entries; `missing` is for null."""
-    found = np.array(entry, object)
-    absent = np.array([value is None for value in found.ravel()], bool).reshape(found.shape)
-    if absent.any() or not found.size:
-        return np.where(absent, missing, found).astype(float)
+    """A list, or a list of lists, as an array of the type of its entries; `missing` replaces null."""
+    objects = np.array(entry, object)
+    is_null = np.array([value is None for value in objects.ravel()], bool).reshape(objects.shape)
+    if is_null.any() or not objects.size:
+        return np.where(is_null, missing, objects).astype(float)
     numbers = np.array(entry)
     if numbers.dtype.kind not in "bif":
         raise ValueError(f"{entry!r:.80} in place of numbers")
@@ -113,18 +114,15 @@ def _parameter(path: str, entry: Document) -> FittedParameter:
 
 
 def _record(entry: Document, file: Path) -> FittedRecord:
-    """A record, with the samples of its `file` where that is there."""
+    """A record, with the samples of its `file` where that exists."""
     kind = member("study.measurement", entry["measures"])
     words = {key: entry.get(key, next(iter(options))) for key, options in choices(kind).items()}
     measurement = kind(**{key: choices(kind)[key][word] for key, word in words.items()})
     kinds = get_type_hints(FittedRecord)
     fields = {key: _decoded(kinds[key], entry[key]) for key in kinds if key in entry and key != "outliers"}
-    none = np.zeros(0)
     record = FittedRecord(
         **fields,
-        time=none,
-        measured=none,
-        predicted=none,
+        **dict.fromkeys(("time", "measured", "predicted"), np.zeros(0)),
         unit=measurement.unit,
         display=measurement.display,
         prescribed=measurement.prescribed_display,
@@ -133,21 +131,21 @@ def _record(entry: Document, file: Path) -> FittedRecord:
     if not file.exists():
         return record
     scale, unit = record.display.scale, record.display.unit
-    wanted = ["time_s", *(f"{name}_{unit}" for name in COMPARED)]
+    expected = ["time_s", *(f"{name}_{unit}" for name in COMPARED)]
     try:
         with file.open(encoding="utf-8") as lines:
-            head = lines.readline().strip().split(",")
+            header = lines.readline().strip().split(",")
             table = np.loadtxt(lines, delimiter=",", ndmin=2)
     except (OSError, ValueError) as error:
         raise InputError(f"{file}: cannot be read ({error}), expected the predictions of pdssjax identify.") from None
-    if head[: len(wanted)] != wanted or table.shape != (record.samples, len(head)):
+    if header[: len(expected)] != expected or table.shape != (record.samples, len(header)):
         raise InputError(
-            f"{file}: found {len(table)} samples of {', '.join(head)}; expected the {record.samples} samples of "
-            f'{", ".join(wanted)} of the record "{record.name}".'
+            f"{file}: found {len(table)} samples of {', '.join(header)}; expected the {record.samples} samples of "
+            f'{", ".join(expected)} of the record "{record.name}".'
         )
-    columns = dict(zip(head, table.T, strict=True))
+    columns = dict(zip(header, table.T, strict=True))
     motion = columns.get(prescribed_column(record.prescribed))
-    time, measured, predicted = (columns[name] for name in wanted[:3])
+    time, measured, predicted = (columns[name] for name in expected[:3])
     return dataclasses.replace(
         record,
         time=time,
@@ -162,8 +160,8 @@ def _record(entry: Document, file: Path) -> FittedRecord:
 def _draws(entry: Document, file: Path) -> Draws:
     names, shape = tuple(entry["names"]), (entry["chains"], entry["draws"])
     try:
-        found, values = read_draws(file, entry["kind"])
-        values = values[:, [found.index(name) for name in names]].reshape(*shape, len(names))
+        paths, values = read_draws(file, entry["kind"])
+        values = values[:, [paths.index(name) for name in names]].reshape(*shape, len(names))
     except (InputError, ValueError):
         values = np.zeros((*shape, 0))
     parameters = tuple(_decoded(ParameterDraws, {"path": path, **drawn}) for path, drawn in entry["parameters"].items())
@@ -172,62 +170,54 @@ def _draws(entry: Document, file: Path) -> Draws:
 
 
 _MOST_BYTES = 2_000_000
-"""Largest size of the pictures on a page: as text they are a third larger, and mail refuses more than 3 MB."""
+"""Largest total size of the pictures on a page: they grow by a third as text, and mail refuses more than 3 MB."""
 
 
 def own_page(folder: Path) -> Path | None:
-    """The page that the command wrote into its `folder` of results; None where it wrote none."""
-    # These commands know more than their files say.
-    names = ("comparison.html", "plan.html")
-    return next((folder / name for name in names if (folder / name).is_file()), None)
+    """The page of a comparison or a plan in its `folder` of results, or None: no page can be made of their files."""
+    pages = [folder / name for name in ("comparison.html", "plan.html")]
+    return next((page for page in pages if page.is_file()), None)
 
 
 def read_page(folder: Path) -> Page:
-    """The page of a `folder` of results: of an estimate all that is known, of others their texts and pictures.
+    """The page of a `folder` of results: the whole page of an estimate, else the texts and pictures in the folder.
 
     **Raises:** `InputError` where there are no results, or they cannot be read.
     """
     if not folder.is_dir():
-        what = "a file" if folder.exists() else "nothing there"
-        raise InputError(f"{folder}: found {what}, expected a folder that a command of pdssjax wrote.")
+        found = "a file" if folder.exists() else "nothing there"
+        raise InputError(f"{folder}: found {found}, expected a folder that a command of pdssjax wrote.")
     if (folder / "estimate.json").exists():
         return estimate_page(read_estimate_folder(folder))
-    texts = [_section(file) for file in sorted(folder.glob("*.txt"))]
+    heading = lambda file: file.stem.replace("_", " ").capitalize()
+    files = sorted(folder.glob("*.txt"))
+    texts = [Section(heading(file), lines=read_text(file, "a plain text").splitlines()) for file in files]
     pictures = [*sorted(folder.glob("*.png")), *sorted((folder / "plots").rglob("*.png"))]
     if not (texts or pictures):
         raise InputError(
             f"{folder}: found no estimate.json, no text and no picture; expected a folder that a command of pdssjax "
             "wrote."
         )
-    figures, left, room = list[Illustration](), list[str](), _MOST_BYTES
+    figures, left_out, room = list[Illustration](), list[str](), _MOST_BYTES
     for file in pictures:
         content = file.read_bytes()
         if len(content) > room:
-            left.append(file.name)
+            left_out.append(file.name)
             continue
         room -= len(content)
         figures.append(Illustration(content, f"{file.stem.replace('_', ' ')}."))
-    text = [f"Left out, since the page would become too large to send: {', '.join(left)}."] if left else []
-    shown = [Section("Figures", text, figures=figures)] if pictures else []
-    return Page(_title(folder), [*texts, *shown], subtitle=f"Results in the folder {folder.resolve().name}")
-
-
-def _section(file: Path) -> Section:
-    """A plain text as it is."""
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: cannot be read ({error}), expected a plain text.") from None
-    return Section(file.stem.replace("_", " ").capitalize(), lines=lines)
+    notes = [f"Left out, since the page would become too large to send: {', '.join(left_out)}."] if left_out else []
+    sections = [*texts, Section("Figures", notes, figures=figures)] if pictures else texts
+    return Page(_title(folder), sections, subtitle=f"Results in the folder {folder.resolve().name}")
 
 
 def _title(folder: Path) -> str:
-    """The title that one of the JSON files of a `folder` has, or its name."""
+    """The title in one of the JSON files of a `folder`, else the name of the folder."""
     for file in sorted(folder.glob("*.json")):
         try:
             document: object = json.loads(file.read_text(encoding="utf-8-sig"))
         except (OSError, ValueError, RecursionError):
-            continue  # only the title is wanted, and the folder has a name
+            continue  # the name of the folder serves as well
         title = document.get("title") if isinstance(document, dict) else None
         if isinstance(title, str) and title:
             return title

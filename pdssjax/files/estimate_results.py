@@ -1,4 +1,4 @@
-"""The results of an identification: estimate.json with the report, plots and predictions, and what is read of it.
+"""Writes the results of an identification, estimate.json with report, plots and predictions, and reads parts of it.
 
 A study gets values, starts or a covariance from an estimate.json; `estimate_folder.py` reads a whole `Estimate` back.
 """
@@ -20,7 +20,7 @@ from ..study import Draws, Estimate, FittedParameter, FittedRecord, Study
 from .draws_file import write_draws
 from .json_text import Plain, json_text
 from .record_results import file_stems, write_records
-from .results_folder import staging_folder, write_text
+from .results_folder import read_text, staging_folder, write_text
 from .toml_table import Table
 
 
@@ -31,29 +31,29 @@ class KnownParameters(NamedTuple):
     covariance: Float[np.ndarray, "p p"]
     """In SI."""
     errors: str
-    """The error model by which it is, such as "with-misfit"; "standard" where the estimate has one error only."""
+    """The error model of the covariance, such as "with-misfit"; "standard" where the estimate has only one."""
 
 
 FORMAT = "pdssjax-estimate/1"
-"""The format of the file in which an estimate is kept."""
+"""The format of estimate.json."""
 
 
 def with_estimate(study: Study, file: Path) -> Study:
-    """`study` with every parameter that `file`, an estimate.json, has a value of fixed at it.
+    """`study` with its parameters fixed at their values in `file`, an estimate.json.
 
     **Raises:** `InputError` if the file is missing or no estimate, is of another actuator, or has a parameter that the
-    study has not.  Warns with `InputWarning` if the fit did not converge, or does not explain its records.
+    study lacks.  Warns with `InputWarning` if the fit did not converge, or does not explain its records.
     """
     document = read_estimate(file)
     doubt = _doubt(document)
     if doubt:
-        what = "did not converge" if doubt == "not converged" else "does not explain its records"
-        warnings.warn(f"{file}: the fit {what}; its numbers are used all the same.", InputWarning, 2)
+        clause = "did not converge" if doubt == "not converged" else "does not explain its records"
+        warnings.warn(f"{file}: the fit {clause}; its numbers are used all the same.", InputWarning, 2)
     return study.with_values(_values(document, study, file), _source(file, doubt), of_estimate=True)
 
 
 def starting_at_estimate(study: Study, file: Path) -> Study:
-    """`study` with the free parameters that `file`, an estimate.json, has a value of starting there.
+    """`study` with its free parameters starting at their values in `file`, an estimate.json.
 
     **Raises:** `InputError` as `with_estimate` does.
     """
@@ -63,7 +63,7 @@ def starting_at_estimate(study: Study, file: Path) -> Study:
 
 
 def _source(file: Path, doubt: str) -> str:
-    """Where numbers come from, in words."""
+    """The source of numbers, in words."""
     return f"estimate {file}" + (f" ({doubt})" if doubt else "")
 
 
@@ -75,9 +75,7 @@ def _values(document: Document, study: Study, file: Path) -> dict[str, float]:
     parameters, numbers = table.table("parameters", "a table of parameters"), {}
     for path in parameters.entries:
         if path not in legal:
-            raise InputError(
-                f'{file}: found the parameter "{path}", which {study.path} has not; {nearest(path, legal)}'
-            )
+            raise InputError(f'{file}: found the parameter "{path}", which {study.path} lacks; {nearest(path, legal)}')
         entry, unit = parameters.table(path, 'a table such as { "value": 0.1 }'), legal[path].unit
         if entry.entries.get("unit", unit) != unit:
             raise InputError(f'{entry.at("unit")}: found {json.dumps(entry.entries["unit"])}, expected "{unit}".')
@@ -87,20 +85,17 @@ def _values(document: Document, study: Study, file: Path) -> dict[str, float]:
 
 def read_estimate(file: Path) -> Document:
     """The content of `file`, an estimate.json; **raises** `InputError` if it is missing or no estimate."""
+    text = read_text(file, "an estimate.json")
     try:
-        document: object = json.loads(file.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise InputError(f"{file}: there is no such file, expected an estimate.json.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: cannot be read ({error}), expected an estimate.json.") from None
+        document: object = json.loads(text)
     except json.JSONDecodeError as error:
         where = f"{file}: line {error.lineno}, column {error.colno}"
         raise InputError(f"{where}: found no valid JSON: {error.msg}.") from None
     except (ValueError, RecursionError) as error:  # beside syntax: integers and nesting beyond what Python reads
         raise InputError(f"{file}: found no valid JSON: {error}.") from None
-    found = document.get("format") if isinstance(document, dict) else None
-    if not isinstance(document, dict) or found != FORMAT:
-        raise InputError(f'{file}: key "format": found {json.dumps(found)}, expected "{FORMAT}".')
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        found = json.dumps(document.get("format") if isinstance(document, dict) else None)
+        raise InputError(f'{file}: key "format": found {found}, expected "{FORMAT}".')
     return document
 
 
@@ -112,11 +107,11 @@ def _doubt(document: Document) -> str:
 
 
 def read_covariance(file: Path) -> KnownParameters:
-    """The free parameters that the records determine, and their covariance, as `file`, an estimate.json, has them.
+    """The free parameters that the records determine, and their covariance, from `file`, an estimate.json.
 
-    It is that of the error model which the estimate says to believe, where it has several.
+    Of several error models the covariance is that which the estimate advises.
 
-    **Raises:** `InputError` if the file is missing or no estimate, or determines none.
+    **Raises:** `InputError` if the file is missing or no estimate, or determines no parameter.
     """
     document = read_estimate(file)
     try:
@@ -124,21 +119,21 @@ def read_covariance(file: Path) -> KnownParameters:
         advised, by_model = document.get("error_advice"), document.get("covariances", {})
         if advised is not None and advised["model"] in by_model:
             errors = advised["model"]
-            # `covariance` is the white one, but for rounding: sweeps begun with it are those that are resumed.
+            # "covariance" is that of the white model except for rounding; resumed sweeps need the same numbers.
             if errors != "white":
                 names, matrix = by_model["names"], by_model[errors]
         covariance = np.array([[np.nan if entry is None else entry for entry in row] for row in matrix], float)
         covariance = covariance.reshape(len(names), len(names))
         known = np.flatnonzero(np.isfinite(np.diag(covariance))) if names else np.zeros(0, int)
-        found = KnownParameters(tuple(names[i] for i in known), covariance[np.ix_(known, known)], errors)
+        result = KnownParameters(tuple(names[i] for i in known), covariance[np.ix_(known, known)], errors)
     except (KeyError, IndexError, TypeError, ValueError, OverflowError):
         raise InputError(
             f"{file}: covariance: found no square matrix of numbers with a name for each row, "
-            "expected what pdssjax identify wrote."
+            "expected an estimate that pdssjax identify wrote."
         ) from None
-    if not found.names:
+    if not result.names:
         raise InputError(f"{file}: found no parameter with a standard error, expected one that the records determine.")
-    return found
+    return result
 
 
 def estimate_text(estimate: Estimate) -> str:
@@ -161,7 +156,7 @@ def estimate_text(estimate: Estimate) -> str:
 
 
 def _plain_data(value: Plain) -> Plain:
-    """A result's value with what its fields hold in place of each class of ours."""
+    """A `value` of a result as plain data: classes as the data of their fields."""
     if dataclasses.is_dataclass(value):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     elif isinstance(value, tuple) and hasattr(value, "_asdict"):
@@ -188,7 +183,7 @@ def _record_document(record: FittedRecord) -> Document:
 
 
 def _draws_document(draws: Draws) -> Document:
-    """The summary of the draws; the draws themselves are in a file of their own."""
+    """The summary of the draws; the draws themselves have a file of their own."""
     chains, each, _ = draws.values.shape
     keys = "kind description names failed failure seed".split()
     document = {key: getattr(draws, key) for key in keys} | {"chains": chains, "draws": each}

@@ -1,7 +1,7 @@
-"""Locks by which one program at a time works on a folder of results, or on a store.
+"""Locks that let one program at a time use a folder of results or a store.
 
-A lock is one of the operating system on a small file: it ends with the process that holds it, however that ends.  The
-file is removed with the lock; one that a killed process has left is free.
+A lock is one of the operating system on a small file: it always ends with its process.  The file is removed with the
+lock; a file left by a killed process is free.
 """
 
 import contextlib
@@ -18,13 +18,13 @@ from pathlib import Path
 from ..core import InputError, InputWarning
 
 LOCK = ".pdssjax.lock"
-"""The file in a folder of results whose lock is that of the folder."""
+"""The file for the lock of a folder of results."""
 
 UNFINISHED = ".unfinished-"
-"""How the names begin of what is written beside its place and then renamed."""
+"""Beginning of the names of files and folders that are written beside their place and then renamed."""
 
 _BUSY = {errno.EAGAIN, errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK, getattr(errno, "EDEADLOCK", errno.EDEADLK)}
-"""Numbers of the errors that say that another process holds a lock."""
+"""Numbers of errors of a lock that another process holds."""
 
 
 @dataclasses.dataclass
@@ -32,11 +32,11 @@ class _Held:
     """A lock that this process holds."""
 
     descriptor: int | None
-    """Descriptor of the open file; None where the disk knows no locks."""
+    """Descriptor of the open file; None where the disk has no locks."""
     made: list[Path]
-    """Folders that were made for it, the innermost first."""
+    """Folders that were made for the lock, the innermost first."""
     holders: int = 1
-    """How often it was taken and not yet given back."""
+    """Number of holders in this process."""
 
 
 _held: dict[Path, _Held] = {}
@@ -46,15 +46,14 @@ _guard = threading.RLock()
 
 
 def is_leftover(name: str) -> bool:
-    """Whether a file or folder of this `name` is a lock or unfinished, and nothing that a user put there."""
+    """Whether a file or folder of this `name` is a lock or an unfinished one, and not the user's."""
     return name == LOCK or name.startswith(UNFINISHED)
 
 
 def folder_lock(folder: Path) -> contextlib.AbstractContextManager[None]:
-    """Keep other processes out of the `folder`, which is made if it is missing.
+    """Keep other processes out of the `folder`, which is made if missing.
 
-    What a killed process has left unfinished in it is removed.  A folder that was made for the lock and is empty at
-    the end is removed, too.
+    Unfinished files of killed processes in it are removed, and at the end an empty folder that was made for the lock.
     """
     return file_lock(folder / LOCK, folder, UNFINISHED)
 
@@ -63,17 +62,17 @@ def folder_lock(folder: Path) -> contextlib.AbstractContextManager[None]:
 def file_lock(file: Path, about: Path, unfinished: str) -> Iterator[None]:
     """Hold the lock of `file` against other processes; this process may take it several times.
 
-    **Arguments:** `about` is what the lock is of, for messages; names that begin with `unfinished` are removed beside
-    the file, since nobody else works there.
+    **Arguments:** `about` is the path in messages; files beside `file` whose names begin with `unfinished` are removed,
+    since no other process works there.
 
-    **Raises:** `InputError` where another process has it.  Warns with `InputWarning` where the disk knows no locks.
+    **Raises:** `InputError` where another process has the lock.  Warns with `InputWarning` where the disk has no locks.
     """
     place = file.absolute().parent.resolve() / file.name
     _take(place, about, unfinished)
     try:
         yield
     finally:
-        _give_back(place)
+        _release(place)
 
 
 def _take(place: Path, about: Path, unfinished: str) -> None:
@@ -82,15 +81,13 @@ def _take(place: Path, about: Path, unfinished: str) -> None:
         if held is not None and (held.descriptor is None or _is_file_of(held.descriptor, place)):
             held.holders += 1
             return
-        anew = _acquire(place, about, unfinished)
-        if held is not None:
-            # Its file was removed by somebody.
-            anew = dataclasses.replace(anew, holders=held.holders + 1)
+        _held[place] = _acquire(place, about, unfinished)
+        if held is not None:  # its file has been removed
+            _held[place].holders += held.holders
             _close(held.descriptor)
-        _held[place] = anew
 
 
-def _give_back(place: Path) -> None:
+def _release(place: Path) -> None:
     with _guard:
         held = _held[place]
         held.holders -= 1
@@ -101,7 +98,7 @@ def _give_back(place: Path) -> None:
             is_ours = _is_file_of(held.descriptor, place)
             if sys.platform == "win32":
                 _close(held.descriptor)
-            # Removed while it is locked: who has opened it meanwhile sees that it is gone, and makes a new one.
+            # Removed while locked: a process that has opened it meanwhile sees that it is gone, and makes a new one.
             with contextlib.suppress(OSError):
                 if is_ours:
                     place.unlink()
@@ -113,12 +110,12 @@ def _give_back(place: Path) -> None:
 
 
 def _acquire(place: Path, about: Path, unfinished: str) -> _Held:
-    """The lock, taken."""
+    """Take the lock of the operating system."""
     made = [folder for folder in place.parents if not folder.exists()]
     try:
-        for _ in range(100):  # it may be removed whenever it was just opened
+        for _ in range(100):  # other processes may remove the file just after it was opened
             place.parent.mkdir(parents=True, exist_ok=True)
-            with contextlib.suppress(FileNotFoundError):  # whoever had the folder has just removed it
+            with contextlib.suppress(FileNotFoundError):  # another process has just removed the folder
                 descriptor = _open_file(place)
                 try:
                     _lock(descriptor)
@@ -129,23 +126,26 @@ def _acquire(place: Path, about: Path, unfinished: str) -> _Held:
                         raise
                     raise InputError(_busy(about, holder)) from None
                 if _is_file_of(descriptor, place):
-                    with contextlib.suppress(OSError):  # who holds it is for messages of others only
+                    with contextlib.suppress(OSError):  # the process id is only for messages of other processes
                         os.ftruncate(descriptor, 0)
                         os.write(descriptor, f"{os.getpid()}\n".encode())
-                    _remove_unfinished(place, unfinished)
+                    for path in place.parent.iterdir():
+                        if path.name.startswith(unfinished):
+                            with contextlib.suppress(OSError):
+                                remove(path)
                     return _Held(descriptor, made)
                 os.close(descriptor)
         raise InputError(_busy(about, ""))
     except OSError as error:
         reason = error.strerror or error
-        message = f"{about}: cannot be locked ({reason}); see that no other program writes to it meanwhile."
+        message = f"{about}: cannot be locked ({reason}); make sure that no other program writes to it meanwhile."
         warnings.warn(message, InputWarning, stacklevel=5)
         return _Held(None, made)
 
 
 def _busy(about: Path, holder: str) -> str:
     who = f" (process {holder})" if holder else ""
-    return f"{about}: found another pdssjax at work in it{who}, expected another folder, or that it has ended."
+    return f"{about}: found another pdssjax at work in it{who}, expected another folder, or the end of that process."
 
 
 def _open_file(place: Path) -> int:
@@ -154,7 +154,7 @@ def _open_file(place: Path) -> int:
     except PermissionError:
         if not place.exists():
             raise
-        # That of another user; to lock it needs no right to write to it.
+        # The file of another user; a lock needs no right to write.
         return os.open(place, os.O_RDONLY)
 
 
@@ -163,7 +163,7 @@ def _lock(descriptor: int) -> None:
     if sys.platform == "win32":
         import msvcrt
 
-        os.lseek(descriptor, 1 << 20, os.SEEK_SET)  # a byte beyond the text, which others read
+        os.lseek(descriptor, 1 << 20, os.SEEK_SET)  # a byte beyond the text, which stays readable
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         finally:
@@ -175,21 +175,20 @@ def _lock(descriptor: int) -> None:
 
 
 def _is_file_of(descriptor: int, place: Path) -> bool:
-    """Whether the open file is the one that stands at its `place`."""
+    """Whether the open file is still the one at its `place`."""
     try:
-        here, there = os.fstat(descriptor), os.stat(place)
+        opened, present = os.fstat(descriptor), os.stat(place)
     except OSError:
         return False
-    return (here.st_dev, here.st_ino) == (there.st_dev, there.st_ino)
+    return (opened.st_dev, opened.st_ino) == (present.st_dev, present.st_ino)
 
 
-def _remove_unfinished(place: Path, unfinished: str) -> None:
-    for path in place.parent.iterdir():
-        if path.name.startswith(unfinished):
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path, ignore_errors=True)
-            else:
-                path.unlink(missing_ok=True)
+def remove(path: Path) -> None:
+    """Remove a file, a link or a folder, if it exists."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _close(descriptor: int | None) -> None:

@@ -1,4 +1,4 @@
-"""Makes a study of records of a contact alone: force against displacement or velocity, as a tribometer writes them."""
+"""Makes a study of records of a contact alone: force against displacement or velocity, as from a tribometer."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -15,16 +15,16 @@ from .record_columns import read_columns
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FrictionFile:
-    """A file of a contact alone, and what its samples suggest."""
+    """A file of a contact alone, and its samples."""
 
     name: str
     roles: Roles
     motion: Float[np.ndarray, " samples"]
     """The relative displacement [m], or velocity [m/s]."""
     force: Float[np.ndarray, " samples"]
-    """[N], turned where it was counted against the motion."""
+    """[N], with its sign turned where it was counted against the motion."""
     turned: bool
-    """Whether the force was given the other sign."""
+    """Whether the sign of the force was turned."""
 
     @property
     def quantity(self) -> str:
@@ -33,10 +33,10 @@ class FrictionFile:
 
 
 def friction_file(file: Path, hints: Hints) -> FrictionFile | None:
-    """What `file` suggests for a record of a contact alone; None where it is not one.
+    """The record of a contact alone in `file`; None where the file is of another kind.
 
-    **Raises:** `InputError` where a channel or a unit is not clear, with the option that tells it, or where the
-    samples are at fault.
+    **Raises:** `InputError` with the option to give where a channel or a unit is ambiguous, or where the samples are at
+    fault.
     """
     roles = friction_roles(file, hints)
     if roles is None:
@@ -49,17 +49,17 @@ def friction_file(file: Path, hints: Hints) -> FrictionFile | None:
     if roles.motion == "velocity":
         work = np.sum(motion * force)
     else:
-        # A zero of the sensor does no work in a motion to and fro.
-        about = force - 0.5 * (force.min() + force.max())
-        work = np.sum(np.diff(motion) * (about[1:] + about[:-1]))
+        # An offset of the sensor does no work in a closed motion.
+        centred = force - 0.5 * (force.min() + force.max())
+        work = np.sum(np.diff(motion) * (centred[1:] + centred[:-1]))
     turned = bool(work < 0)
     return FrictionFile(file.stem, roles, motion, -force if turned else force, turned)
 
 
 def write_friction_study(files: Sequence[FrictionFile], folder: Path, title: str) -> Path:
-    """Write `study.toml` and a figure of each record into `folder`, which must be new or empty; the study's path.
+    """Write `study.toml` and a figure of each record into `folder`, new or empty; return the path of the study.
 
-    **Raises:** `InputError` if the folder holds something already, or if some files have a displacement and others a
+    **Raises:** `InputError` if the folder is not empty, or if some files have a displacement and others a
     velocity.
     """
     from ..report.figures import friction_figure
@@ -78,7 +78,7 @@ def write_friction_study(files: Sequence[FrictionFile], folder: Path, title: str
 
 
 def friction_study_text(names: Sequence[str], files: Sequence[FrictionFile], folder: Path, title: str) -> str:
-    """The study file of some `files` of one kind, as it stands in `folder`; every guess has a comment that says so."""
+    """The text of a study in `folder` of `files` of one kind; every guess has a comment."""
     is_curve = files[0].quantity == "velocity"
     if is_curve:
         measures, keys = "steady-friction", {"velocity": "velocity", "force": "force"}
@@ -101,5 +101,5 @@ def friction_study_text(names: Sequence[str], files: Sequence[FrictionFile], fol
         lines += scale_lines(given, file.turned, "the force is counted against the motion")
         lines.append(f'measures = "{measures}"')
         if is_curve and (np.all(file.motion > 0) or np.all(file.motion < 0)):
-            lines.append("offset = 0  # guess: the sensor's zero is right; in one direction no sample tells it")
+            lines.append("offset = 0  # guess: the sensor's zero is right; in one direction no sample determines it")
     return "\n".join(lines) + "\n"

@@ -5,7 +5,7 @@ import math
 from typing import Any, TypeAlias
 
 Plain: TypeAlias = Any
-"""What JSON can hold, arrays and numbers that are not finite besides until they are replaced."""
+"""Data for JSON, with arrays and numbers that are not finite before `finite_numbers` replaces them."""
 
 
 def json_text(document: object) -> str:

@@ -1,6 +1,6 @@
-"""The [parameters] of a study file: which there are, which are needed, and what the entry of each says.
+"""The [parameters] of a study file, legal and required ones with their entries.
 
-And its [constraints], inequalities between two of them.
+And its [constraints], inequalities between two parameters.
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ from .toml_table import Table
 
 
 def read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
-    """The parameters that the table `top` of a study file lists, by path, in its order; `study` lacks them still."""
+    """The parameters in the table `top` of a study file, by path, in its order; `study` is without parameters."""
     legal = study.legal()
     table = _expanded(top.table("parameters", "a table of parameters"), legal)
     for path in table.entries:
@@ -29,7 +29,7 @@ def read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
             _check_condition(table, base, condition, study.records)
     for path in _required(study, legal, table.entries):
         if path not in table.entries:
-            expected = "expected it fixed as in { value = ... } or free as in {}"
+            expected = "expected a fixed one as in { value = ... } or a free one as in {}"
             raise InputError(f'{table.where}: the parameter "{path}" is missing, {expected}.')
     expected = "a table such as { start = ... }, { value = ... } or {}"
     entries = {path: Table(table.table(path, expected).entries, table.at(path)) for path in table.entries}
@@ -37,20 +37,20 @@ def read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
 
 
 def _required(study: Study, legal: dict[str, Quantity], listed: Iterable[str]) -> list[str]:
-    """The parameters that the study must list."""
+    """The paths of the parameters that the study must list."""
     needed: set[str] = set().union(*(record.measurement.parts() for record in study.records))
     if not study.records:
         needed |= {"piezo", "friction", "effector"}
     if study.feedback:
         needed |= {"friction", "effector"}
     paths = [path for path, declared in legal.items() if not declared.optional and path.split(".")[0] in needed]
-    slews = "amplifier.slew" in listed
-    carries = study.feedback and "piezo.mass" in legal
-    return paths + ["piezo.mass"] * carries + ["amplifier.bandwidth"] * slews
+    if study.feedback and "piezo.mass" in legal:
+        paths.append("piezo.mass")
+    return [*paths, "amplifier.bandwidth"] if "amplifier.slew" in listed else paths
 
 
 def _expanded(table: Table, legal: Iterable[str]) -> Table:
-    """The table with "piezo.play_*" as play_1, play_2, ..., but for those that are listed themselves."""
+    """The table with "piezo.play_*" expanded to play_1, play_2, ..., except those that are listed themselves."""
     entries: dict[str, Any] = {}
     for path, entry in table.entries.items():
         base, mark, condition = path.partition(MARK)
@@ -58,23 +58,21 @@ def _expanded(table: Table, legal: Iterable[str]) -> Table:
             entries[path] = entry
             continue
         numbered_paths = re.compile(re.escape(base.removesuffix("*")) + r"\d+")
-        found = [f"{known}{mark}{condition}" for known in legal if numbered_paths.fullmatch(known)]
-        if not found:
+        numbered = [f"{known}{mark}{condition}" for known in legal if numbered_paths.fullmatch(known)]
+        if not numbered:
             raise InputError(f'{table.where}: found "{path}", but no numbered parameter of that name is known.')
-        entries |= {numbered: entry for numbered in found if numbered not in table.entries}
+        entries |= {known: entry for known in numbered if known not in table.entries}
     return dataclasses.replace(table, entries=entries)
 
 
 def _check_condition(table: Table, base: str, condition: str, records: Sequence[Record]) -> None:
-    """A parameter that holds under a condition needs records with and its usual number without that."""
+    """Check that a parameter under a condition has records, a number without the condition, and no rival."""
     where, known = f'{table.where}: "{base}{MARK}{condition}"', sorted({c for r in records for c in r.conditions})
     if condition not in known:
         hint = nearest(condition, known) if known else 'no record has any, as in conditions = ["wet"].'
         raise InputError(f'{where}: found the condition "{condition}" that no record has; {hint}')
     if base not in table.entries:
-        raise InputError(
-            f'{where}: the parameter "{base}" is missing, expected it, too, for records without the condition.'
-        )
+        raise InputError(f'{where}: the parameter "{base}" is missing, expected it for records without the condition.')
     for record in records:
         rivals = [c for c in record.conditions if c != condition and f"{base}{MARK}{c}" in table.entries]
         if condition in record.conditions and rivals:
@@ -85,10 +83,10 @@ def _check_condition(table: Table, base: str, condition: str, records: Sequence[
 
 
 def _read_parameter(path: str, table: Table, quantity: Quantity) -> Parameter:
-    """The parameter `path` as the `table` of its entry describes it: free unless it has a value.
+    """The parameter `path` of a `table`, free unless it has a value.
 
-    A value with a standard error was measured apart: the parameter is free, and the fit takes that for one more
-    measurement of it.
+    A value with a standard error was measured apart: the parameter is free, and the fit uses the value as one more
+    measurement.
     """
     table.only(["value", "start", "min", "max", "standard_error"])
     given, error = table.entries, table.number("standard_error", quantity.unit, None)
@@ -108,7 +106,7 @@ def _read_parameter(path: str, table: Table, quantity: Quantity) -> Parameter:
 
 
 def _bound(table: Table, key: str, quantity: Quantity, end: float) -> float | None:
-    """A bound given; None also where it only repeats the `end` of the legal range."""
+    """The bound in a `table`; None without one, or where it only repeats the `end` of the legal range."""
     bound = table.number(key, quantity.unit, None)
     if bound is None or bound == end:
         return None
@@ -121,13 +119,13 @@ def _check_order(
 ) -> None:
     wrong = "min" if low is not None and high is not None and low >= high else key
     unit, size = unit_given(table.entries.get(wrong), quantity.unit)
-    shown = lambda number: f"{number / size:g} {unit}".rstrip()
+    text = lambda number: f"{number / size:g} {unit}".rstrip()
     if low is not None and high is not None and low >= high:
-        raise InputError(f"{table.at('min')}: found {shown(low)}, expected less than the max, {shown(high)}.")
+        raise InputError(f"{table.at('min')}: found {text(low)}, expected less than the max, {text(high)}.")
     if start is not None and low is not None and start < low:
-        raise InputError(f"{table.at(key)}: found {shown(start)}, expected at least the min, {shown(low)}.")
+        raise InputError(f"{table.at(key)}: found {text(start)}, expected at least the min, {text(low)}.")
     if start is not None and high is not None and start > high:
-        raise InputError(f"{table.at(key)}: found {shown(start)}, expected at most the max, {shown(high)}.")
+        raise InputError(f"{table.at(key)}: found {text(start)}, expected at most the max, {text(high)}.")
 
 
 _NUMBER = r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
@@ -135,11 +133,11 @@ _NUMBER = r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
 _SIDE = rf"(?:({_NUMBER})\s*\*\s*)?(\S.*?)"
 
 CONSTRAINT_EXAMPLE = "friction.f_s >= 1.1 * friction.f_c"
-"""How a study writes a constraint."""
+"""A constraint as in a study."""
 
 
 def read_constraints(top: Table, parameters: Mapping[str, Parameter]) -> tuple[Constraint, ...]:
-    """The constraints between the `parameters` that the table `top` of a study file lists.
+    """The constraints between the `parameters` in the table `top` of a study file.
 
     Warns with `InputWarning` where starts break one.
     """
@@ -153,8 +151,8 @@ def read_constraints(top: Table, parameters: Mapping[str, Parameter]) -> tuple[C
             continue
         at = f"{greater.path} at {greater.number:g} and {lesser.path} at {lesser.number:g} {lesser.unit}".rstrip()
         warnings.warn(
-            f"{table.at(constraint.name)}: found starts beyond {constraint.text} ({at}); the fit begins with both as "
-            "the constraint just allows.",
+            f"{table.at(constraint.name)}: found starts that break {constraint.text} ({at}); the fit begins with both "
+            "at the limit of the constraint.",
             InputWarning,
             stacklevel=4,
         )

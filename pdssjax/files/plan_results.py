@@ -1,11 +1,11 @@
-"""Writes a plan: in words, figure, page and JSON; its records as a study; voltages for the generator; templates.
+"""Writes a plan: as text, figure, page and JSON; its records as a study; voltages for the generator; templates.
 
 `plan.toml` has the plan's records, each with its `sampling`, so that `pdssjax record` makes them on the virtual rig and
-`pdssjax identify` fits them once they are measured.  `plan-together.toml` has the records so far besides.
+`pdssjax identify` fits them once they are measured.  `plan-together.toml` also has the records so far.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,14 +19,14 @@ from ..study import Study
 from .estimate_results import read_estimate, write_estimate
 from .json_text import json_text
 from .record_results import file_stems, write_columns, write_csv
-from .results_folder import staging_folder, write_text
+from .results_folder import read_text, staging_folder, write_text
 from .study_copy import move_files
 
 MEASURED = "measured"
-"""Folder beside a plan's study in which its records are to be put."""
+"""Folder beside a plan's study for its records."""
 
 REHEARSAL, IDENTIFIED = "rehearsal", "identified"
-"""Folder of what the virtual rig made of a plan, and of what was identified there."""
+"""Folder of a rehearsal on the virtual rig, and of the identification in it."""
 
 TomlTable: TypeAlias = Any
 """A table of tomlkit, which keeps comments and order."""
@@ -35,9 +35,9 @@ TomlTable: TypeAlias = Any
 def write_plan(plan: Plan, source: Path, design: Document, folder: Path) -> None:
     """Put a `plan` into `folder`, in place of older results.
 
-    **Arguments:** `source` is the file of the study that it is made for, and `design` the table of its limits.
+    **Arguments:** `source` is the study file of the plan, and `design` the table of its limits.
 
-    **Raises:** `InputError` where the study's file is gone.
+    **Raises:** `InputError` where the study file is gone.
     """
     from ..report.figures import design_figure, save_figure
     from ..report.page import plan_page, write_page
@@ -58,47 +58,43 @@ def write_plan(plan: Plan, source: Path, design: Document, folder: Path) -> None
 
 
 def plan_study(plan: Plan, source: Path, design: Document, folder: Path, *, together: bool) -> str:
-    """The study of a plan's records as the text of a file in `folder`; `together` with the records so far."""
-    try:
-        document: TomlTable = tomlkit.parse(source.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(f"{source}: cannot be read ({error.strerror}), expected the study of the plan.") from None
+    """The text of a study in `folder` with a plan's records, and `together` also with the records so far."""
+    document: TomlTable = tomlkit.parse(read_text(source, "the study of the plan"))
     document["title"] = f"{plan.study.title}, planned records"
     parameters = document["parameters"]
     for path, parameter in plan.with_rig.parameters.items():
         number = plan.knowledge.values.get(path, parameter.number)
         if path not in parameters:
             parameters[path] = tomlkit.inline_table()
-        # What was measured apart stays as it is.
+        # A parameter that was measured apart keeps its value.
         if number is not None and "standard_error" not in parameters[path]:
             parameters[path]["start" if parameter.free else "value"] = float(f"{number:.9g}")
-    so_far = document.pop("record", []) if together else []
-    for key in ("record", "design"):
-        document.pop(key, None)
+    records_so_far = document.pop("record", [])
+    document.pop("design", None)
     limits = {key: _inline(value) if isinstance(value, dict) else value for key, value in design.items()}
     document.add("design", tomlkit.item(limits))
     records = tomlkit.aot()
-    for record in so_far:
+    for record in records_so_far if together else []:
         move_files(record, source.parent, folder)
         records.append(record)
-    taken = {str(record.get("name", "")) for record in so_far}
+    names = {str(record.get("name", "")) for record in records}
     for stem, planned in zip(file_stems(record.name for record in plan.records), plan.records, strict=True):
-        records.append(_record(plan.study, planned, stem, taken))
+        records.append(_record(plan.study, planned, stem, names))
     document.add("record", records)
-    head = f"# Made by pdssjax design for {source.name}: put what is measured into {MEASURED}/.\n"
-    return head + tomlkit.dumps(document)
+    header = f"# Made by pdssjax design for {source.name}: put the measured records into {MEASURED}/.\n"
+    return header + tomlkit.dumps(document)
 
 
-def _record(study: Study, planned: PlannedRecord, stem: str, taken: set[str]) -> TomlTable:
+def _record(study: Study, planned: PlannedRecord, stem: str, used_names: set[str]) -> TomlTable:
     """The [[record]] table of a planned record."""
-    experiment, made = planned.experiment, planned.record(study)
+    experiment, record = planned.experiment, planned.record(study)
     table = tomlkit.table()
     names = (planned.name, *(f"{planned.name} ({n})" for n in range(2, 100)))
-    table["name"] = next(name for name in names if name not in taken)
+    table["name"] = next(name for name in names if name not in used_names)
     table["file"] = f"{MEASURED}/{stem}.csv"
-    table["columns"] = _inline({quantity: name for quantity, (name, _) in made.columns.items()})
+    table["columns"] = _inline({quantity: name for quantity, (name, _) in record.columns.items()})
     table["measures"] = experiment.kind
-    display = made.measurement.display
+    display = record.measurement.display
     table["noise"] = f"{planned.noise.deviation * display.scale:.6g} {display.unit}"
     if experiment.conditions:
         table["conditions"] = sorted(experiment.conditions)
@@ -109,16 +105,16 @@ def _record(study: Study, planned: PlannedRecord, stem: str, taken: set[str]) ->
 
 
 def _sampling(planned: PlannedRecord) -> TomlTable:
-    """The windows; each ends half an interval after its last sample, so that no rounding takes or adds one."""
-    more, motion = dict[str, str](), planned.experiment.motion
+    """The windows; each ends half an interval after its last sample, so that rounding does not change their number."""
+    amplitude, motion = dict[str, str](), planned.experiment.motion
     if motion is not None:
-        more = {"amplitude": f"{1e6 * motion[0]:.9g} um", "frequency": f"{motion[1]:.9g} Hz"}
+        amplitude = {"amplitude": f"{1e6 * motion[0]:.9g} um", "frequency": f"{motion[1]:.9g} Hz"}
     windows = [
         {
             "start": f"{window.start:.10g} s",
             "end": f"{window.start + (window.samples - 0.5) * window.interval:.10g} s",
             "interval": f"{window.interval:.9g} s",
-            **more,
+            **amplitude,
         }
         for window in planned.schedule.list_windows(planned.experiment.period)
     ]
@@ -130,18 +126,18 @@ def _sampling(planned: PlannedRecord) -> TomlTable:
 
 
 def _drive(study: Study, planned: PlannedRecord) -> Document:
-    """The drive as a study has it: numbers that are not the study's, with units, and words."""
+    """The drive as in a study: words, and with units the numbers that differ from the study's."""
     drive, experiment = planned.experiment.drive, planned.experiment
     assert drive is not None
-    out: Document = {"waveform": experiment.group[1]}
-    first = {field: next(iter(words)) for field, words in choices(type(drive)).items()}
-    out |= {field: word for field, word in experiment.words.items() if word != first[field] or field == "direction"}
+    table: Document = {"waveform": experiment.group[1]}
+    default = {field: next(iter(words)) for field, words in choices(type(drive)).items()}
+    table |= {field: word for field, word in experiment.words.items() if word != default[field] or field == "direction"}
     overrides = planned.record(study).overrides
     for field, declared in quantities(type(drive)).items():
         number = float(drive.numbers()[field])
         if field in overrides and (not declared.optional or number != declared.nominal):
-            out[field] = f"{number:.9g} {declared.unit}".strip() if declared.unit else number
-    return out
+            table[field] = f"{number:.9g} {declared.unit}" if declared.unit else number
+    return table
 
 
 def _inline(entries: Mapping[str, object]) -> TomlTable:
@@ -161,7 +157,7 @@ def _write_drive(planned: PlannedRecord, file: Path) -> None:
         name, values = "motion_um", 1e6 * amplitude * np.sin(2.0 * np.pi * frequency * (time - planned.times[0]))
     else:
         assert experiment.drive is not None
-        # A jump is two lines: what is just before a corner is the voltage there, too.
+        # Two lines at a corner, the first just before it, since the voltage may jump there.
         corners = np.zeros(1)
         if period is not None:
             begins = period * np.arange(math.ceil(end / period) + 1)
@@ -173,19 +169,18 @@ def _write_drive(planned: PlannedRecord, file: Path) -> None:
 
 
 def _write_template(study: Study, planned: PlannedRecord, file: Path) -> None:
-    """The columns of a record, the times filled in, what is to be measured empty."""
+    """Write the columns of a record with its times; the measured quantity stays empty."""
     record = planned.record(study)
-    names = [name for name, _ in record.columns.values()]
-    lines = [",".join(names)]
+    lines = [",".join(name for name, _ in record.columns.values())]
     motion = [""] * record.time.size if record.motion is None else [f",{1e6 * x:.9g}" for x in record.motion]
     lines += [f"{t:.10g}{m}," for t, m in zip(record.time, motion, strict=True)]
     write_text(file, "\n".join(lines) + "\n")
 
 
 def write_rehearsal(rehearsal: Rehearsal, plan: Plan, source: Path, design: Document, folder: Path) -> None:
-    """Put what the virtual rig made of a plan into `folder`: the records, their study, and the identification.
+    """Put the rehearsal of a plan on the virtual rig into `folder`: records, their study, and the identification.
 
-    The folder is that of a plan that was carried out: `pdssjax design` goes on from it.
+    The folder is like that of a measured plan: `pdssjax design` goes on from it.
     """
     with staging_folder(folder, ("plan.toml", MEASURED)) as staging:
         write_text(staging / "plan.toml", plan_study(plan, source, design, folder, together=False))
@@ -196,11 +191,11 @@ def write_rehearsal(rehearsal: Rehearsal, plan: Plan, source: Path, design: Docu
 
 
 def plan_folder(folder: Path) -> tuple[Path, Path | None]:
-    """The study and the estimate of a folder: of a plan that was made or carried out, or of an identification.
+    """The study, and if any the estimate, in the `folder` of a plan or of an identification.
 
-    **Raises:** `InputError` where it holds neither, or the study of the identification is not where it was.
+    **Raises:** `InputError` where it holds neither, or the study of the identification is gone.
     """
-    studies: Sequence[str] = ("plan-together.toml", "plan.toml")
+    studies = ("plan-together.toml", "plan.toml")
     study = next((folder / name for name in studies if (folder / name).is_file()), None)
     places = (folder / IDENTIFIED / "estimate.json", folder / "estimate.json")
     estimate = next((place for place in places if place.is_file()), None)
@@ -208,11 +203,11 @@ def plan_folder(folder: Path) -> tuple[Path, Path | None]:
         return study, estimate
     if estimate is None:
         raise InputError(f"{folder}: found no plan.toml and no estimate.json, expected a study file or results.")
-    made_of = read_estimate(estimate).get("provenance")
-    named = made_of.get("study") if isinstance(made_of, dict) else None
-    if not (isinstance(named, str) and Path(named).is_file()):
+    provenance = read_estimate(estimate).get("provenance")
+    path = provenance.get("study") if isinstance(provenance, dict) else None
+    if not (isinstance(path, str) and Path(path).is_file()):
         raise InputError(
-            f"{estimate}: found no study at {named or 'a place that it names'}, expected the study file, with "
+            f"{estimate}: found no study at {path or 'a path that it names'}, expected the study file, with "
             f"--estimate {estimate}."
         )
-    return Path(named), estimate
+    return Path(path), estimate

@@ -1,11 +1,11 @@
-"""Reads a file in a process of its own, with limits of memory and time: libraries of formats trust its content.
+"""Reads a file in a process of its own, with limits of memory and time, since libraries trust the content of a file.
 
-A single wrong bit makes SciPy crash, and HDF5's library loop without end or take gigabytes.  `answers` asks a process
-what a generator function of pdssjax yields for a file: pairs of something that JSON can write, and an array.  The
-process gets a question as a line of JSON on its standard input.  It answers with parts on its standard output: the
-length of a JSON text (8 bytes, little-endian), that text, and the array as 8-byte floats.  Nothing is unpickled, and
-no more than one part is in memory at a time.  A process that has answered waits for the next question, since starting
-one takes a third of a second; one that failed is ended, for what is in its memory may be damaged.
+A single wrong bit makes SciPy crash, and HDF5's library loop without end or take gigabytes.  `run_isolated`
+runs a generator function of pdssjax for a file in such a process; the function yields pairs of a value that JSON can
+write and an array.  The process gets a request as a line of JSON on its standard input.  It answers with a part for
+each pair on its standard output: the length of a JSON text (8 bytes, little-endian), that text, and the array as 8-byte
+floats.  Nothing is unpickled, and only one part is in memory at a time.  A process waits for the next request, since
+starting one takes a third of a second; a process that failed is ended, since its memory may be damaged.
 """
 
 import atexit
@@ -30,19 +30,15 @@ from ..core import InputError, InputWarning
 from .json_text import Plain
 
 Pair: TypeAlias = tuple[Plain, Float[np.ndarray, "..."]]
-"""What JSON can write, and an array."""
+"""A value that JSON can write, and an array."""
 
 Pairs: TypeAlias = Iterator[Pair]
 
-MEMORY = 1 << 30
-"""Bytes that the process may take for a file beyond what it began with; `MEMORY_PER_BYTE` more for each of the file."""
+MEMORY, MEMORY_PER_BYTE = 1 << 30, 20
+"""Bytes that the process may take for a file beside those at its start, and further bytes for each byte of the file."""
 
-MEMORY_PER_BYTE = 20
-
-SECONDS = 8
-"""Seconds of processor time for a file, and one more for each `BYTES_PER_SECOND`."""
-
-BYTES_PER_SECOND = 5_000_000
+SECONDS, BYTES_PER_SECOND = 8, 5_000_000
+"""Seconds of processor time for a file, and the bytes of the file for which one more second is allowed."""
 
 CLOCK = 2 if sys.platform == "win32" else 20
 """Ratio of elapsed to processor time allowed: Windows limits elapsed time only, elsewhere processors are shared."""
@@ -50,18 +46,18 @@ CLOCK = 2 if sys.platform == "win32" else 20
 _Process: TypeAlias = "subprocess.Popen[bytes]"
 
 _idle: dict[int, list[_Process]] = {}
-"""Processes that wait for a question, by the process that started them: one that is forked shares no pipe."""
+"""Processes that wait for a request, by the process that started them: a forked process must not share their pipes."""
 
 
-def answers(function: Callable[..., Pairs], file: Path, *arguments: Plain) -> Generator[Pair]:
-    """What `function(file, *arguments)` yields, in a process of its own; `function` is found by its name there.
+def run_isolated(function: Callable[..., Pairs], file: Path, *arguments: Plain) -> Generator[Pair]:
+    """Iterate over `function(file, *arguments)` in a process of its own, which imports `function` by its name.
 
     **Raises:** `InputError` where the function does, `ValueError` with a short reason where it raises anything else,
     crashes, or needs more memory or time than the size of the file lets it have; `OSError` where there is no file.
     """
     size = file.stat().st_size
     seconds = SECONDS + size // BYTES_PER_SECOND
-    question = {
+    request = {
         "function": [function.__module__, function.__qualname__],
         "arguments": [str(file), *arguments],
         "folder": os.getcwd(),
@@ -70,22 +66,22 @@ def answers(function: Callable[..., Pairs], file: Path, *arguments: Plain) -> Ge
     }
     process = _process()
     assert process.stdin is not None and process.stdout is not None
-    kept = False
+    reusable = False
     try:
-        process.stdin.write(json.dumps(question).encode() + b"\n")
+        process.stdin.write(json.dumps(request).encode() + b"\n")
         process.stdin.flush()
         while "last" not in (part := _part(process, process.stdout, seconds))[0]:
             yield part[0]["item"], part[1]
-        kept = True
+        reusable = True
     except GeneratorExit:
-        # Who has seen enough has often seen all: then the process is free for the next file.
+        # A caller that stops early often stops at the last part, and then the process is free for the next file.
         with contextlib.suppress(Exception):
-            kept = "last" in _part(process, process.stdout, seconds)[0]
+            reusable = "last" in _part(process, process.stdout, seconds)[0]
         raise
     except BrokenPipeError:
         raise ValueError("the process that reads it has ended") from None
     finally:
-        if kept:
+        if reusable:
             _idle.setdefault(os.getpid(), []).append(process)
         else:
             _end(process)
@@ -100,14 +96,14 @@ def _process() -> _Process:
         _end(process)
     program = "import sys; sys.path.insert(0, sys.argv[1]); "
     program += "from pdssjax.files.reading_process import serve; del sys.path[0]; serve()"
-    # One thread: each that a library of linear algebra begins takes address space, which is limited.
-    alone = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
+    # One thread, since each thread of a library of linear algebra takes address space, which is limited.
+    single_thread = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
     return subprocess.Popen(
         [sys.executable, "-P", "-c", program, str(Path(__file__).parents[2])],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        env={**os.environ, **alone},
+        env={**os.environ, **single_thread},
     )
 
 
@@ -128,49 +124,49 @@ def _part(process: _Process, stream: IO[bytes], seconds: int) -> tuple[dict[str,
     timer = threading.Timer(CLOCK * seconds, process.kill)
     timer.start()
     try:
-        said = json.loads(_exactly(stream, int.from_bytes(_exactly(stream, 8), "little")))
-        values = np.frombuffer(_exactly(stream, 8 * int(np.prod(said["shape"]))), "<f8").reshape(said["shape"])
+        content = json.loads(_exactly(stream, int.from_bytes(_exactly(stream, 8), "little")))
+        values = np.frombuffer(_exactly(stream, 8 * int(np.prod(content["shape"]))), "<f8").reshape(content["shape"])
     except EOFError:
         crashed = timer.is_alive() and -process.wait() not in (getattr(signal, "SIGXCPU", 24), 9)
         reason = "crashed on what is in it" if crashed else f"came to no end in {seconds} s"
         raise ValueError(f"the library that reads it {reason}") from None
     finally:
         timer.cancel()
-    for text in said["warned"]:
+    for text in content["warned"]:
         warnings.warn(text, InputWarning, stacklevel=3)
-    if "refused" in said:
-        raise InputError(said["refused"])
-    if "broken" in said:
-        raise ValueError(said["broken"])
-    return said, values
+    if "refused" in content:
+        raise InputError(content["refused"])
+    if "broken" in content:
+        raise ValueError(content["broken"])
+    return content, values
 
 
 def _exactly(stream: IO[bytes], count: int) -> bytes:
-    found = stream.read(count)
-    if len(found) < count:
+    content = stream.read(count)
+    if len(content) < count:
         raise EOFError
-    return found
+    return content
 
 
 def serve() -> None:
-    """Answer questions on standard input until it ends; what that process runs."""
-    # A user who breaks off the command line reaches this process, too; the one that asked ends it.
+    """Answer requests on standard input until it ends: the program of the process."""
+    # Ctrl-C also reaches this process, which its parent ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Libraries print.
+    # Libraries print to standard output.
     with os.fdopen(os.dup(1), "wb") as output, open(os.devnull, "wb") as nowhere:
         os.dup2(nowhere.fileno(), 1)
         for line in sys.stdin.buffer:
-            question = json.loads(line)
-            os.chdir(question["folder"])
-            _limit(question["memory"], question["seconds"])
-            _answer(question, output)
+            request = json.loads(line)
+            os.chdir(request["folder"])
+            _limit(request["memory"], request["seconds"])
+            _answer(request, output)
 
 
-def _answer(question: dict[str, Any], output: IO[bytes]) -> None:
-    def say(said: dict[str, Any], values: np.ndarray) -> None:
+def _answer(request: dict[str, Any], output: IO[bytes]) -> None:
+    def send(content: dict[str, Any], values: np.ndarray) -> None:
         warned = [str(warning.message) for warning in caught if issubclass(warning.category, InputWarning)]
         caught.clear()
-        text = json.dumps({**said, "shape": values.shape, "warned": warned}).encode()
+        text = json.dumps({**content, "shape": values.shape, "warned": warned}).encode()
         output.write(len(text).to_bytes(8, "little") + text)
         output.write(np.ascontiguousarray(values, "<f8").data)
         output.flush()
@@ -178,22 +174,22 @@ def _answer(question: dict[str, Any], output: IO[bytes]) -> None:
     nothing = np.zeros(0)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        module, name = question["function"]
-        file, *arguments = question["arguments"]
+        module, name = request["function"]
+        file, *arguments = request["arguments"]
         try:
             for item, values in getattr(importlib.import_module(module), name)(Path(file), *arguments):
-                say({"item": item}, values)
-            say({"last": True}, nothing)
+                send({"item": item}, values)
+            send({"last": True}, nothing)
         except InputError as error:
-            say({"refused": str(error)}, nothing)
+            send({"refused": str(error)}, nothing)
         except MemoryError:
-            say({"broken": f"it needs more than {question['memory'] / 2**30:.1f} GiB of memory"}, nothing)
+            send({"broken": f"it needs more than {request['memory'] / 2**30:.1f} GiB of memory"}, nothing)
         except Exception as error:  # libraries raise errors of many types
-            say({"broken": str(error) or type(error).__name__}, nothing)
+            send({"broken": str(error) or type(error).__name__}, nothing)
 
 
 def _limit(memory: int, seconds: int) -> None:
-    """Let this process take as many bytes and seconds more, as far as the system knows such limits; no core dump."""
+    """Limit this process to so many more bytes and seconds where the system can, and to no core dump."""
     try:
         import resource
     except ImportError:  # Windows

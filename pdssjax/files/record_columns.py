@@ -1,6 +1,6 @@
-"""Columns of a record, of any format of file, as SI numbers: their units, scales, and the clock.
+"""Columns of a record from a file of any format as SI numbers, with units, scales, and the clock.
 
-A study says in the record's table which they are, or the columns are chosen from what the file holds.
+The record's table in a study names the columns, or they are chosen from the channels of the file.
 """
 
 import contextlib
@@ -26,19 +26,19 @@ class Layout(NamedTuple):
     columns: Mapping[str, str | int]
     """By quantity, the name or the number of its column; "time" may be left out."""
     si_units: Mapping[str, str]
-    """By quantity, the SI unit wanted."""
+    """By quantity, its SI unit."""
     units: Mapping[str, str]
-    """By quantity, the unit in the file, where its column does not say it."""
+    """By quantity, the unit in the file, where its column does not give it."""
     scales: Mapping[str, float | str] = {}
-    """By quantity, what its numbers are multiplied with, such as "0.5 um/V"."""
+    """By quantity, the factor of its numbers, such as "0.5 um/V"."""
     interval: float | None = None
-    """Between samples [s], where no clock was stored."""
+    """Interval between samples [s], where no clock was stored."""
     begin: float = 0.0
     """Time of the first sample [s], where `interval` is given."""
     decimal: str = ""
-    """The decimal sign of a text, "" where it is to be told."""
+    """The decimal sign of a text, "" to detect it."""
     needs_clock: bool = True
-    """False: where neither file nor study tells the times, samples stand for one a second."""
+    """Whether a clock is required; else a record without one gets a sample a second."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -48,34 +48,34 @@ class Columns:
     reader: AbstractSource
     file: Path
     channels: Mapping[str, Channel]
-    """By quantity; without "time" where an interval tells the times."""
+    """By quantity; without "time" where an interval gives the times."""
     data: dict[str, Float[np.ndarray, " samples"]]
-    """By quantity, "time" too."""
+    """By quantity, including "time"."""
     places: Int[np.ndarray, " samples"]
     """Line or number of each sample in the file, from 1."""
     begin: float
     """Time of the first sample of the file [s]."""
     end: float
-    """Time of the last sample that was looked at [s]."""
+    """Time of the last sample that was read [s]."""
     has_clock: bool = True
-    """False: nothing tells the times."""
+    """Whether file or study gives the times."""
 
-    def kept(self, keep: Bool[np.ndarray, " samples"]) -> "Columns":
-        """The samples that `keep` chooses."""
+    def select(self, keep: Bool[np.ndarray, " samples"]) -> "Columns":
+        """The samples where `keep` is True."""
         data = {quantity: column[keep] for quantity, column in self.data.items()}
         return dataclasses.replace(self, data=data, places=self.places[keep])
 
     def check_numbers(self) -> None:
         """**Raises** `InputError` that names the first place where there is no finite number."""
         wrong = {q: np.flatnonzero(~np.isfinite(column)) for q, column in self.data.items() if q in self.channels}
-        wrong = {quantity: rows[0] for quantity, rows in wrong.items() if rows.size}
-        if not wrong:
+        first = {quantity: rows[0] for quantity, rows in wrong.items() if rows.size}
+        if not first:
             return
-        quantity, row = min(wrong.items(), key=lambda pair: pair[1])
-        place, channel = int(self.places[row]), self.channels[quantity]
+        quantity = min(first, key=lambda key: first[key])
+        place, channel = int(self.places[first[quantity]]), self.channels[quantity]
         text = self.reader.written(place, channel.number)
-        shown = text if len(text) <= 80 else f"{text[:80]}..."
-        found = f'"{shown}"' if text else ("an empty cell" if self.reader.place == "line" else "no number")
+        cut = text if len(text) <= 80 else f"{text[:80]}..."
+        found = f'"{cut}"' if text else ("an empty cell" if self.reader.place == "line" else "no number")
         raise InputError(
             f'{self.file}: {self.reader.place} {place}, column "{channel.name}": found {found}, '
             f"expected a finite number{_about_commas(text)}."
@@ -91,7 +91,7 @@ class Columns:
 
 
 def read_columns(file: Path, layout: Layout, window: tuple[float, float] | None = None) -> Columns:
-    """The columns of `file` that a `layout` names, in SI, those samples within the `window` [s] where one is given."""
+    """The columns of `file` that a `layout` names, in SI, within the `window` [s] where one is given."""
     reader = open_file(file, layout.decimal)
     channels = reader.channels()
     chosen = {q: find_channel(reader, file, channels, given) for q, given in layout.columns.items()}
@@ -110,22 +110,22 @@ def read_columns(file: Path, layout: Layout, window: tuple[float, float] | None 
 
 def _clock(file: Path, layout: Layout, chosen: Mapping[str, Channel], factors: Mapping[str, float]) -> Clock:
     clocked = [channel for channel in chosen.values() if channel.interval is not None]
-    kept = {(c.start, c.interval) for c in clocked if c.interval is not None}
-    if len(kept) > 1:
-        said = ", ".join(f'"{c.name}" from {c.start:g} s on every {c.interval:g} s' for c in clocked)
-        raise InputError(f"{file}: found clocks that differ ({said}), expected channels of one clock.")
+    clocks = {(c.start, c.interval) for c in clocked if c.interval is not None}
+    if len(clocks) > 1:
+        listed = ", ".join(f'"{c.name}" from {c.start:g} s on every {c.interval:g} s' for c in clocked)
+        raise InputError(f"{file}: found clocks that differ ({listed}), expected channels of one clock.")
     if layout.interval is not None:
         return Clock(None, start=layout.begin, interval=layout.interval)
     if "time" in chosen:
         return Clock(chosen["time"].number, factors["time"])
     without = [channel.name for channel in chosen.values() if channel.interval is None]
-    if not kept or without:
-        found = f'no clock of "{without[0]}", which another channel has' if kept else "no clock in it"
+    if not clocks or without:
+        found = f'no clock of "{without[0]}", which another channel has' if clocks else "no clock in it"
         raise InputError(
             f'{file}: found {found}, expected the key "time" in columns with the name of a channel, '
             'or the key time of the record, such as time = { interval = "50 us" }.'
         )
-    start, interval = kept.pop()
+    start, interval = clocks.pop()
     return Clock(None, start=start, interval=interval)
 
 
@@ -134,7 +134,7 @@ def _factor(file: Path, layout: Layout, quantity: str, channel: Channel) -> floa
     where, si = f'{file}: column "{channel.name}"', layout.si_units[quantity]
     unit, ending = layout.units.get(quantity) or channel.unit, column_unit(channel.name)
     if quantity in layout.scales:
-        # "U_mon" ends in no unit, and with a scale needs none.
+        # With a scale, a name such as "U_mon" needs no unit.
         return scaled(layout.scales[quantity], unit or unit_named(ending), si, f"{where}: scale")
     if name := unit or ending:
         return factor(name, si, where)
@@ -145,7 +145,7 @@ def _factor(file: Path, layout: Layout, quantity: str, channel: Channel) -> floa
 
 
 def scaled(scale: float | str, unit: str, si: str, where: str) -> float:
-    """A `scale` such as "0.5 um/V" of numbers in a `unit` such as "V"; of numbers without one, volts or none."""
+    """The factor to `si` of a `scale` such as "0.5 um/V"; numbers without a `unit` have none or volts."""
     number, per = split_text(scale, where) if isinstance(scale, str) else (float(scale), "")
     if number == 0 or not math.isfinite(number):
         raise InputError(f"{where}: found {number:g}, expected a factor other than 0.")
@@ -153,12 +153,12 @@ def scaled(scale: float | str, unit: str, si: str, where: str) -> float:
         parts = " * ".join(f"({part})" for part in (per, name) if part)
         with contextlib.suppress(InputError):
             return number * (factor(parts, si, where) if parts else 1.0)
-    having = f'numbers in "{unit}"' if unit else "numbers without a unit"
-    raise InputError(f'{where}: found "{scale}" of {having}, expected what makes {si} of them, such as "1 {si}/V".')
+    numbers = f'numbers in "{unit}"' if unit else "numbers without a unit"
+    raise InputError(f'{where}: found "{scale}" for {numbers}, expected a factor to {si}, such as "1 {si}/V".')
 
 
 def _about_commas(text: str) -> str:
-    """A hint where a number has a decimal comma, or what may divide thousands."""
+    """A hint for a number with a decimal comma or a separator of thousands."""
     try:
         float(text.replace(",", ".", 1))
     except ValueError:
@@ -186,19 +186,19 @@ def name_at(table: Table, key: str, expected: str = _COLUMN) -> str | int:
 
 
 def decimal_at(table: Table) -> str:
-    """The decimal sign of a file of text, "" where the file is to tell it."""
+    """The decimal sign of a file of text, "" to detect it."""
     return table.option("decimal", [",", "."]) if "decimal" in table.entries else ""
 
 
 def record_layout(table: Table, si_units: Mapping[str, str]) -> Layout:
-    """The columns of the record that `table` describes; `si_units` by quantity, "time" first, the explained last."""
-    *_, explained = si_units
+    """The columns of the record that `table` describes; `si_units` by quantity, "time" first, the measured one last."""
+    *_, measured = si_units
     has_channel = "channel" in table.entries
-    example = f'a table such as {{ time = "time_s", {explained} = "..." }}'
+    example = f'a table such as {{ time = "time_s", {measured} = "..." }}'
     columns = table.table("columns", example, {}) if has_channel else table.table("columns", example)
     columns.only(si_units)
     names = {quantity: name_at(columns, quantity) for quantity in columns.entries}
-    for key, quantity, expected in (("channel", explained, _COLUMN), ("time", "time", _CLOCK)):
+    for key, quantity, expected in (("channel", measured, _COLUMN), ("time", "time", _CLOCK)):
         if key in table.entries and quantity in names:
             raise InputError(f"{table.at(key)}: found the column of the {quantity} in columns, too, expected one.")
         if key in table.entries and not isinstance(table.entries[key], dict):
@@ -206,20 +206,20 @@ def record_layout(table: Table, si_units: Mapping[str, str]) -> Layout:
     for quantity in list(si_units)[1:]:
         if quantity not in names:
             columns.text(quantity, "the name of a column")
-    units = table.table("units", f'a table such as {{ {explained} = "..." }}', {})
-    # The voltage of a sampled drive may stand in the same file.
+    units = table.table("units", f'a table such as {{ {measured} = "..." }}', {})
+    # The file may also have the voltage of a sampled drive.
     units.only([*si_units, "voltage"])
     written = {q: units.text(q, "a unit") for q in units.entries if q in si_units}
     interval, begin = interval_at(table)
-    return Layout(names, si_units, written, scales_at(table, explained), interval, begin, decimal_at(table))
+    return Layout(names, si_units, written, scales_at(table, measured), interval, begin, decimal_at(table))
 
 
 _LONGEST_INTERVAL = 1e9
-"""Between samples [s]: thirty years, and so little that no clock leaves the range of floats."""
+"""Longest interval between samples [s]: thirty years, and short enough for the range of floats."""
 
 
 def interval_at(table: Table) -> tuple[float | None, float]:
-    """The interval of a clock that was not stored, and its first time [s], as the key `time` gives them."""
+    """The interval and the first time [s] of a clock that was not stored, from the key `time`; None without."""
     given = table.entries.get("time")
     if not isinstance(given, dict):
         return None, 0.0
@@ -234,7 +234,7 @@ def interval_at(table: Table) -> tuple[float | None, float]:
 
 
 def scales_at(table: Table, quantity: str) -> dict[str, float | str]:
-    """The factors on the numbers of a `quantity`; empty where the table does not say it."""
+    """The factor of the numbers of a `quantity`, by quantity; empty where the table has none."""
     if "scale" not in table.entries:
         return {}
     value = table.get("scale", object, 'a factor such as "0.5 um/V"')

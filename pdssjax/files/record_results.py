@@ -1,4 +1,4 @@
-"""Writes records: predicted ones as a CSV file and a plot each, and those of a virtual rig as their study says it."""
+"""Writes records: each predicted one as CSV file and plot, and those of a virtual rig in the format of their study."""
 
 import dataclasses
 import re
@@ -22,20 +22,17 @@ Numbers: TypeAlias = Mapping[str, UsedNumber]
 """Numbers of parameters by path, as `pdssjax.study.numbers_used` returns them."""
 
 
-def write_predictions(records: Sequence[FittedRecord], used: Numbers, folder: Path) -> None:
-    """Put the plot and the prediction of each record into `folder`, in place of older results.
-
-    With them `parameters.json`, the numbers `used`.
-    """
-    # Whatever a study has them for, none of these was fitted.
+def write_predictions(records: Sequence[FittedRecord], numbers: Numbers, folder: Path) -> None:
+    """Put plots, predictions, and `numbers` as `parameters.json` into `folder`, in place of older results."""
+    # None of these was fitted, whatever its role in the study.
     predicted = [dataclasses.replace(record, role="validate") for record in records]
     with staging_folder(folder) as staging:
-        write_numbers(used, staging)
+        write_numbers(numbers, staging)
         write_records(predicted, staging)
 
 
-def write_numbers(used: Numbers, staging: Path) -> None:
-    write_text(staging / "parameters.json", json_text({"format": "pdssjax-parameters/1", "parameters": used}))
+def write_numbers(numbers: Numbers, staging: Path) -> None:
+    write_text(staging / "parameters.json", json_text({"format": "pdssjax-parameters/1", "parameters": numbers}))
 
 
 def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
@@ -47,7 +44,7 @@ def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
         unit, scale = record.display.unit, record.display.scale
         compared = zip(COMPARED, (record.measured, record.predicted, record.measured - record.predicted), strict=True)
         columns = {"time_s": record.time, **{f"{name}_{unit}": scale * values for name, values in compared}}
-        # What was applied to the rig, as far as the record has it.
+        # The input of the rig, as far as the record has it.
         if record.motion is not None:
             columns[prescribed_column(record.prescribed)] = record.prescribed.scale * record.motion
         if record.voltage is not None:
@@ -66,7 +63,7 @@ def write_columns(file: Path, columns: Mapping[str, Float[np.ndarray, " rows"]],
 
 
 VOLTAGE = "voltage_V"
-"""Column of the command, where the platform alone was measured."""
+"""Column of the voltage, where the platform alone was measured."""
 
 
 def prescribed_column(display: Display) -> str:
@@ -75,26 +72,26 @@ def prescribed_column(display: Display) -> str:
 
 
 def file_stems(names: Iterable[str]) -> list[str]:
-    """File names after the `names` of records, different from each other on any file system."""
+    """File names for the `names` of records, distinct on any file system."""
     stems: list[str] = []
     plots = ("amplification", "correlations", "draws", "multistart", "profiles", "standard_errors")
     for name in names:
-        # Letters have four bytes at most, and names 255.
+        # A letter has at most four bytes, and a file name at most 255.
         plain = re.sub(r"[^\w.-]+", "_", name)[:60].strip("._") or "record"
-        taken = [stem.lower() for stem in [*stems, *plots]]
-        copies = (f"{plain}-{number}" for number in range(2, len(taken) + 2))
-        stems.append(next(stem for stem in (plain, *copies) if stem.lower() not in taken))
+        used = [stem.lower() for stem in [*stems, *plots]]
+        copies = (f"{plain}-{number}" for number in range(2, len(used) + 2))
+        stems.append(next(stem for stem in (plain, *copies) if stem.lower() not in used))
     return stems
 
 
 def check_recordings(records: Sequence[Record], study: Path) -> None:
-    """**Raises** `InputError` where the files of `records` cannot be made as the file `study` describes them."""
+    """**Raises** `InputError` where the files of `records` cannot be written as the file `study` describes them."""
     for record in records:
-        _place(record, study)
+        _relative_path(record, study)
         column_scales(record, study)
 
 
-def _place(record: Record, study: Path) -> Path:
+def _relative_path(record: Record, study: Path) -> Path:
     """The path of a record's file, relative to the folder of the study."""
     if not record.file.is_relative_to(study.parent) or ".." in record.file.relative_to(study.parent).parts:
         raise InputError(f'{study}: record "{record.name}": found {record.file}, expected a file beside it.')
@@ -102,24 +99,22 @@ def _place(record: Record, study: Path) -> Path:
 
 
 def write_recordings(
-    made: Sequence[Recording],
+    recordings: Sequence[Recording],
     compared: Sequence[FittedRecord],
     truth: Document,
-    used: Numbers,
+    numbers: Numbers,
     study: Path,
     folder: Path,
 ) -> None:
-    """Put the CSV files of a virtual rig, the study that describes them, and what went in into `folder`.
-
-    With them `parameters.json`, the numbers `used`.
+    """Put the CSV files of a virtual rig, their study, the `truth` and the `numbers` of the simulation into `folder`.
 
     **Raises:** `InputError` as `check_recordings` does.
     """
     with staging_folder(folder) as staging:
-        write_numbers(used, staging)
+        write_numbers(numbers, staging)
         write_records(compared, staging)
-        for recording in made:
-            write_csv(recording, study, staging / "records" / _place(recording.record, study))
+        for recording in recordings:
+            write_csv(recording, study, staging / "records" / _relative_path(recording.record, study))
         shutil.copyfile(study, staging / "records" / study.name)
         write_text(staging / "records" / "truth.json", json_text(truth))
 
@@ -134,14 +129,13 @@ def column_scales(record: Record, study: Path) -> dict[str, float]:
 
 
 def write_csv(recording: Recording, study: Path, file: Path) -> None:
-    """The record as the file `study` describes its file: columns by their names and units."""
-    record = recording.record
+    """Write a record with the names and units of columns in the file `study`."""
+    record, measurement = recording.record, recording.record.measurement
     scales = column_scales(record, study)
-    measurement = record.measurement
     data = {"time": record.time + record.start, measurement.quantity: record.measured}
     if measurement.prescribed is not None:
         data[measurement.prescribed] = record.motion
     columns = {name: np.asarray(data[quantity]) / scales[quantity] for quantity, (name, _) in record.columns.items()}
     file.parent.mkdir(parents=True, exist_ok=True)
-    # A clock that began long ago needs all digits to tell its samples apart.
+    # Times of a clock that began long ago differ in the last digits only.
     write_columns(file, columns, ["%.15g" if quantity == "time" else "%.9g" for quantity in record.columns])

@@ -1,4 +1,4 @@
-"""A record, as a study's [[record]] table and its file tell it, and the samples that it keeps of that file."""
+"""Reads a record from a study's [[record]] table and its file, and selects its samples."""
 
 import itertools
 import warnings
@@ -16,26 +16,27 @@ from .record_columns import Columns, Layout, read_columns, record_layout
 from .toml_table import Table
 
 
-def _kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> dict[str, Float[np.ndarray, " samples"]]:
-    """The samples that are kept of those `read`, by quantity [SI], checked."""
-    _, *quantities, explained = layout.si_units
+def _select_samples(
+    table: Table, file: Path, layout: Layout, read: Columns
+) -> dict[str, Float[np.ndarray, " samples"]]:
+    """The samples of a record among those `read`, by quantity [SI], checked."""
     keep, segments = _not_excluded(table, read)
     if "held" in table.entries:
-        measured = read.data[explained]
+        measured = read.data[list(layout.si_units)[-1]]
         expected = f"a whole number from 2 on, and at most half of the {measured.size} samples"
         keep &= fresh_samples(measured, table.whole("held", expected, least=2, most=measured.size // 2))
-    columns = read.kept(keep)
+    columns = read.select(keep)
     columns.check_numbers()
     clock = columns.channels["time"].name if "time" in columns.channels else "time"
     check_increasing(file, clock, columns.data["time"], columns.places, columns.reader.place)
     data = _decimate(table, columns, segments[keep])
-    for quantity in (*quantities, explained):
+    for quantity in list(layout.si_units)[1:]:
         columns.check_moves(quantity, data[quantity])
     return data
 
 
 def _decimate(table: Table, columns: Columns, segments: np.ndarray) -> dict[str, np.ndarray]:
-    """The columns, low-passed and thinned where the record says `decimate`; not across what was left out."""
+    """The columns, low-passed and thinned by the record's `decimate`, but not across excluded samples."""
     if "decimate" not in table.entries:
         return columns.data
     time = columns.data["time"]
@@ -48,18 +49,18 @@ def _decimate(table: Table, columns: Columns, segments: np.ndarray) -> dict[str,
             f"{np.max(steps, initial=0.0):g} s apart, expected even ones."
         )
     samples = np.column_stack(list(columns.data.values()))
-    together = np.concatenate([decimated(samples[segments == number], by) for number in np.unique(segments)])
-    if len(together) < 2:
+    thinned = np.concatenate([decimated(samples[segments == number], by) for number in np.unique(segments)])
+    if len(thinned) < 2:
         raise InputError(
             f"{table.at('decimate')}: found {time.size} samples, expected more than the {32 * by} of the filter."
         )
-    return dict(zip(columns.data, together.T, strict=True))
+    return dict(zip(columns.data, thinned.T, strict=True))
 
 
 def _not_excluded(table: Table, read: Columns) -> tuple[np.ndarray, np.ndarray]:
-    """The samples that `exclude` keeps, by the file's clock, and the segment between its pairs in which each lies."""
+    """Whether `exclude` keeps each sample, by the file's clock, and the segment of the sample between its pairs."""
     time = read.data["time"]
-    # A sample whose time is no number lies where the one before it does.
+    # A sample whose time is no number counts at the time before.
     known = np.maximum.accumulate(np.where(np.isfinite(time), np.arange(time.size), 0))
     time = time[known]
     keep, segments = np.ones(time.shape, bool), np.zeros(time.shape, int)
@@ -88,26 +89,25 @@ def _interval(given: object, where: str) -> tuple[float, float]:
 _FAMILY = "study.measurement"
 
 _MOST_SAMPLES = 1e7
-"""Samples of a record that is to be made: some gigabytes with what predicts them."""
+"""Most samples of a record to be made: some gigabytes with their prediction."""
 
 RECORD_KEYS = [
     *("name", "file", "columns", "channel", "time", "units", "scale", "decimal", "measures", "role", "noise"),
     *("offset", "window", "exclude", "held", "decimate", "start", "drive", "resolution", "sampling", "conditions"),
     "conditioning",
 ]
-"""Keys of every record, whatever it measures."""
+"""Keys of every record, for any measurement."""
 
 
 def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, settles: bool = True) -> Record:
     """The record that a [[record]] `table` describes; its file is relative to `folder`.
 
-    What its drive leaves out the study's `parameters` tell.  Of a `virtual` rig the record is still to be made: where
-    the table has `sampling`, nothing is read, and what was measured is zero.  Whether the stack `settles` says how long
-    a rest before the record may be.
+    The study's `parameters` complete its drive.  For a `virtual` rig the record is still to be made: where the table
+    has `sampling`, nothing is read, and the measured samples are zero.  Where the stack `settles`, a rest before the
+    record may be long.
 
-    **Raises:** `InputError` if the table or the file is at fault, or if the record's clock cannot
-    meet its drive.  Warns with `InputWarning` if the times seem to have another unit or end before
-    the first period.
+    **Raises:** `InputError` if the table or the file is at fault, or if the record's clock cannot meet its drive.
+    Warns with `InputWarning` if the times seem to have another unit or end before the first period.
     """
     kinds = {kind: member(_FAMILY, kind) for kind in members(_FAMILY)}
     table.only([*RECORD_KEYS, *dict.fromkeys(key for kind in kinds.values() for key in choices(kind))])
@@ -142,11 +142,11 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, se
     else:
         if "sampling" in table.entries and not file.exists():
             raise InputError(
-                f"{file}: there is no such file, expected what `pdssjax record STUDY` makes of a sampling."
+                f"{file}: there is no such file, expected the record that `pdssjax record STUDY` makes of a sampling."
             )
         window = _interval(table.entries["window"], table.at("window")) if "window" in table.entries else None
         read = read_columns(file, layout, window)
-        data, begin, has_clock = _kept_samples(table, file, layout, read), read.begin, read.has_clock
+        data, begin, has_clock = _select_samples(table, file, layout, read), read.begin, read.has_clock
     where = f'{file}: record "{name}"'
     check_meets_drive(where, begin, data["time"], drive, start)
     length = float(data["time"][-1] - data["time"][0])
@@ -154,9 +154,9 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, se
     start -= earlier + rested
     data["time"] = data["time"] - start
     if "sampling" not in table.entries:  # planned times cannot have a wrong unit
-        _warn(where, data["time"], drive)
+        _check_duration(where, data["time"], drive)
     noise = _positive(table, "noise", unit)
-    _question_noise(table, noise, data[measurement.quantity], measurement)
+    _check_noise(table, noise, data[measurement.quantity], measurement)
     return Record(
         name=name,
         file=file,
@@ -181,11 +181,11 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool, se
 def _conditions(table: Table) -> frozenset[str]:
     """The conditions of the record, as in "friction.f_ss_a@wet"."""
     expected = 'a list of names such as ["wet"]'
-    found = table.get("conditions", list, expected, [])
-    for name in found:
+    names = table.get("conditions", list, expected, [])
+    for name in names:
         if not isinstance(name, str) or not name or MARK in name:
             raise InputError(f"{table.at('conditions')}: found {name!r}, expected {expected}, without {MARK}.")
-    return frozenset(found)
+    return frozenset(names)
 
 
 def _drive_parameters(parameters: Table, conditions: frozenset[str]) -> Table:
@@ -197,7 +197,7 @@ def _drive_parameters(parameters: Table, conditions: frozenset[str]) -> Table:
 
 
 def _check_writable(table: Table, file: Path, layout: Layout) -> None:
-    """A record that is to be made is written as a CSV file with named columns."""
+    """**Raises** `InputError` where a record to be made cannot be written as a CSV file with named columns."""
     if file.suffix.lower() not in (".csv", ".txt", ".tsv", ".dat", ""):
         raise InputError(
             f'{table.at("file")}: found "{file.name}" for a record to be made, expected a name that ends in .csv.'
@@ -211,10 +211,10 @@ def _check_writable(table: Table, file: Path, layout: Layout) -> None:
 
 
 def _plan_samples(table: Table, measurement: AbstractMeasurement) -> dict[str, np.ndarray]:
-    """Sample times, and the motion where that is prescribed, as the record's `sampling` plans them."""
+    """Sample times, and a prescribed motion, by the record's `sampling`."""
     example = 'a table such as { start = "0.2 s", end = "2 s", interval = "1 ms" }, or a list of such tables'
-    listed = isinstance(table.entries["sampling"], list)
-    windows = table.get("sampling", list, example) if listed else [table.get("sampling", dict, example)]
+    given = table.entries["sampling"]
+    windows = given if isinstance(given, list) else [table.get("sampling", dict, example)]
     plans = [Table(window, f"{table.where}: sampling") for window in windows if isinstance(window, dict)]
     if not windows or len(plans) < len(windows):
         raise InputError(f"{table.at('sampling')}: found {windows}, expected {example}.")
@@ -250,36 +250,36 @@ def _window(plan: Table, measurement: AbstractMeasurement) -> np.ndarray:
 def _positive(table: Table, key: str, unit: str) -> float | None:
     value = table.number(key, unit, None)
     if value is not None and value <= 0:
-        what = "a standard deviation" if key == "noise" else "a step"
-        raise InputError(f"{table.at(key)}: found {value:g} {unit}, expected {what} above 0.")
+        quantity = "a standard deviation" if key == "noise" else "a step"
+        raise InputError(f"{table.at(key)}: found {value:g} {unit}, expected {quantity} above 0.")
     return value
 
 
-def _question_noise(table: Table, noise: float | None, measured: np.ndarray, measurement: AbstractMeasurement) -> None:
-    """Noise as large as all that moves is more likely a slip of the unit."""
+def _check_noise(table: Table, noise: float | None, measured: np.ndarray, measurement: AbstractMeasurement) -> None:
+    """Warn of a noise larger than the motion, most likely of another unit."""
     extent = float(np.ptp(measured))
     if noise is not None and 0 < extent < noise:
-        show = measurement.display.text
+        text = measurement.display.text
         warnings.warn(
-            f"{table.at('noise')}: found {show(noise)} for a record that moves over {show(extent)} in all, "
+            f"{table.at('noise')}: found {text(noise)} for a record that moves over {text(extent)} in all, "
             "expected less: is its unit right?",
             InputWarning,
             stacklevel=3,
         )
 
 
-def _warn(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:
-    if drive is None or not drive.declared():  # samples say nothing of how long they should be
+def _check_duration(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:
+    if drive is None or not drive.declared():  # a sampled drive has no duration to compare
         return
     frequency = drive.cycle_frequency()
     period = STEP_TIME if frequency is None else 1.0 / frequency
     interval = float(np.median(np.diff(time)))
     length = float(time[-1] - time[0])
-    # A thousand times too long, a record has too few samples or too many periods to be true.
+    # A clock wrong by a thousand gives too few samples a period or too many periods.
     if interval >= period / 2 or length >= 1000 * period:
         warnings.warn(
             f"{where}: the times seem to have another unit, such as milliseconds: found samples {interval:g} s "
-            f"apart over {length:g} s, expected many in {period:g} s. [record.units] or the column's name tells their "
+            f"apart over {length:g} s, expected many in {period:g} s. [record.units] or the column's name gives the "
             "unit.",
             InputWarning,
             stacklevel=2,

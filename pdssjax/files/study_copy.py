@@ -1,4 +1,4 @@
-"""Writes a study anew with other numbers: starts of what is free, values of what is fixed, drives of records."""
+"""Writes a copy of a study with other numbers: starts of free parameters, values of fixed ones, drives of records."""
 
 import math
 import os
@@ -23,14 +23,13 @@ def save_study(
     drives: Mapping[str, Mapping[str, float | str]],
     overwrite: bool = False,
 ) -> Path:
-    """Write the study in `source` to `target` with other numbers, and see that it can be read; the file's whole path.
+    """Write the study in `source` to `target` with other numbers, check that it loads, and return its absolute path.
 
-    **Arguments:** `values` [SI] by the path of a parameter, which keeps its bounds and stays free or fixed, but for
-    what was measured apart, which stays as it is; `drives` by the name of a record, the fields of its drive that
-    change, numbers in SI or words.  Files are named relative to `target`.  Everything else stays as it was written,
-    comments too.
+    **Arguments:** `values` [SI] by the path of a parameter, which keeps its bounds and stays free or fixed; a parameter
+    that was measured apart keeps its value.  `drives` by the name of a record: the changed fields of its drive, numbers
+    in SI or words.  File names become relative to `target`.  All else, comments included, stays as written.
 
-    **Raises:** `InputError` if `target` is there and `overwrite` is false or it is no study, if it is no .toml file or
+    **Raises:** `InputError` if `target` exists and `overwrite` is false or it is no study, if it is no .toml file or
     has no folder, or if the numbers make no legal study; nothing is written then.
     """
     target = Path(os.path.expanduser(target)).absolute()
@@ -39,25 +38,25 @@ def save_study(
     # Beside its place, so that relative paths lead to the same files once it has its name.
     handle, name = tempfile.mkstemp(".toml", UNFINISHED, target.parent)
     os.close(handle)
-    made = Path(name)
+    copy = Path(name)
     try:
-        made.write_text(text, encoding="utf-8")
-        made.chmod(0o644)
+        copy.write_text(text, encoding="utf-8")
+        copy.chmod(0o644)
         try:
-            load_study(made)
+            load_study(copy)
         except InputError as error:
-            raise InputError(str(error).replace(str(made), str(target))) from None
+            raise InputError(str(error).replace(str(copy), str(target))) from None
         if overwrite:
-            made.replace(target)
+            copy.replace(target)
         else:
             try:
-                os.link(made, target)  # fails where something has come there meanwhile
+                os.link(copy, target)  # fails where a file has appeared meanwhile
             except FileExistsError:
                 raise InputError(f"{target}: found a file there already, expected another name.") from None
             except OSError:  # a disk without links
-                made.rename(target)
+                copy.rename(target)
     finally:
-        made.unlink(missing_ok=True)
+        copy.unlink(missing_ok=True)
     return target
 
 
@@ -66,7 +65,7 @@ def _check_target(source: Path, target: Path, overwrite: bool) -> None:
         os.stat(target)
     except ValueError:
         raise InputError(f"found {str(target)!r}, expected a name that a file can have.") from None
-    except OSError:  # nothing is there yet, or what follows says what is wrong
+    except OSError:  # no file yet, or one of the checks below applies
         pass
     if target.suffix != ".toml":
         raise InputError(f'{target}: found a name that does not end in ".toml", expected that of a study.')
@@ -83,7 +82,7 @@ def _check_target(source: Path, target: Path, overwrite: bool) -> None:
 
 
 def _is_study(path: Path) -> bool:
-    """Whether a file says that it is a study, of any version of the format."""
+    """Whether a file is a study, of any version of the format."""
     try:
         format_ = read_toml(path).get("format")
     except InputError:
@@ -100,13 +99,13 @@ def _text(
     for path, number in values.items():
         listed = known.get(path)
         if listed is not None and listed.number is not None and math.isclose(listed.number, number, rel_tol=1e-12):
-            continue  # as it was written, with its unit
+            continue  # stays as written, with its unit
         if path not in parameters:
-            # Free where a name with a star in it says so of several.
+            # An entry with a star has this parameter, and makes it free or fixed.
             parameters[path] = tomlkit.inline_table()
             parameters[path]["start" if listed is not None and listed.free else "value"] = number
         entry = parameters[path]
-        if "standard_error" not in entry:  # what was measured apart stays what it was
+        if "standard_error" not in entry:  # a parameter that was measured apart keeps its value
             entry["value" if "value" in entry else "start"] = number
     for record in document.get("record", []):
         move_files(record, source.parent, target.parent)
@@ -117,7 +116,7 @@ def _text(
 
 
 def move_files(record: Document, before: Path, after: Path) -> None:
-    """Name the files of a `record` relative to the folder `after`, which were so to the folder `before`."""
+    """Make the file names of a `record`, relative to the folder `before`, relative to the folder `after`."""
     for table in (record, record.get("drive")):
         if isinstance(table, dict) and "file" in table and not Path(table["file"]).is_absolute():
             table["file"] = Path(os.path.relpath((before / table["file"]).absolute(), after.absolute())).as_posix()

@@ -1,6 +1,6 @@
-"""The study file as a JSON schema (draft 7), with which editors complete, explain and check it.
+"""The JSON schema (draft 7) of a study file, by which editors complete, explain and check it.
 
-Made of the families and of what their members declare, so that a new member is in it at once.
+The schema is generated from the families and the declarations of their members, so that it has new members at once.
 """
 
 import re
@@ -72,15 +72,15 @@ def _table(properties: Mapping[str, object], required: Iterable[str] = (), **mor
 
 def _quantity(unit: str, text: str = "") -> Document:
     """A number in SI, or a text with a unit."""
-    shown = f"[{unit}]" if unit and f"[{unit}]" not in text else ""
-    texts = {"type": "string", "pattern": _NUMBER}
-    return {"anyOf": [{"type": "number"}, texts], "description": f"{text} {shown}".strip()}
+    bracketed = f"[{unit}]" if unit and f"[{unit}]" not in text else ""
+    with_unit = {"type": "string", "pattern": _NUMBER}
+    return {"anyOf": [{"type": "number"}, with_unit], "description": f"{text} {bracketed}".strip()}
 
 
 def _chosen(entries: Mapping[str, Entry], family: str) -> Document:
-    """The names of a family's members, each explained."""
-    found = {name.partition("/")[2]: e.summary for name, e in entries.items() if name.startswith(f"{family}/")}
-    return {"oneOf": [{"const": name, "description": summary} for name, summary in found.items()]}
+    """The names of a family's members, each with its summary."""
+    summaries = {name.partition("/")[2]: e.summary for name, e in entries.items() if name.startswith(f"{family}/")}
+    return {"oneOf": [{"const": name, "description": summary} for name, summary in summaries.items()]}
 
 
 def _actuator(entries: Mapping[str, Entry]) -> Document:
@@ -106,27 +106,27 @@ def _actuator(entries: Mapping[str, Entry]) -> Document:
 
 def _composed_parameters() -> dict[str, Document]:
     """The parameters of a composed stack, by a pattern of their paths."""
-    made = [Composition(dynamics, law, 1, 2, 1) for dynamics in DYNAMICS for law in HYSTERESES]
-    fields = {field.name: field for composition in made for field in fields_of(composition)}
-    found: dict[str, Document] = {}
+    compositions = [Composition(dynamics, law, 1, 2, 1) for dynamics in DYNAMICS for law in HYSTERESES]
+    fields = {field.name: field for composition in compositions for field in fields_of(composition)}
+    tables: dict[str, Document] = {}
     for name, field in fields.items():
         declared = field.declared.metadata["quantity"]
         text = re.sub(r"\b[12]\b", "n", field.text) if name[-1].isdigit() else field.text
         path = re.sub(r"\d+$", r"\\d+", re.escape(f"piezo.{name}"))
-        found[rf"^{path}(@.+)?$"] = _parameter(declared, text)
-    found[r"^piezo\.[a-z_]+_\*(@.+)?$"] = {"type": "object", "description": "All that differ by a number."}
-    return found
+        tables[rf"^{path}(@.+)?$"] = _parameter(declared, text)
+    tables[r"^piezo\.[a-z_]+_\*(@.+)?$"] = {"type": "object", "description": "All that differ by a number."}
+    return tables
 
 
 def _parameters(entries: Mapping[str, Entry]) -> Document:
-    """Every parameter of every member; which of them a study may list its models say."""
-    found: dict[str, tuple[Quantity, str]] = {}
+    """Every parameter of every member; those that a study may list depend on its models."""
+    quantities: dict[str, tuple[Quantity, str]] = {}
     for name, entry in entries.items():
         family = name.partition("/")[0]
         for field, declared in entry.parameters.items():
             if family in ("piezo", "friction", *PARTS) or (family == "drive" and field != "frequency"):
-                found.setdefault(f"{family}.{field}", declared)
-    tables = {path: _parameter(*declared) for path, declared in found.items()}
+                quantities.setdefault(f"{family}.{field}", declared)
+    tables = {path: _parameter(*declared) for path, declared in quantities.items()}
     marked = {f"^{re.escape(path)}@.+$": table for path, table in tables.items()}
     return _table(tables, patternProperties=marked | _composed_parameters())
 
@@ -137,9 +137,9 @@ def _parameter(declared: Quantity, text: str) -> Document:
         "start": "Where the fit begins; if left out, it is found in the data.",
         "min": "Lower bound.",
         "max": "Upper bound.",
-        "standard_error": "Error of a value that was measured apart: the fit takes it for one more measurement.",
+        "standard_error": "Error of a value that was measured apart, which the fit uses as one more measurement.",
     }
-    return _table({key: _quantity(declared.unit, what) for key, what in keys.items()}, description=text)
+    return _table({key: _quantity(declared.unit, meaning) for key, meaning in keys.items()}, description=text)
 
 
 def _record(entries: Mapping[str, Entry]) -> Document:
@@ -153,10 +153,10 @@ def _record(entries: Mapping[str, Entry]) -> Document:
         "name": _TEXT | {"description": "Name of the record in reports; the file's name if left out."},
         "file": _TEXT | {"description": "CSV, MATLAB, TDMS, HDF5 or an oscilloscope's; relative to the study."},
         "columns": _table(dict.fromkeys(quantities, _NAME), description="Channel of each quantity."),
-        "channel": _NAME | {"description": "Channel of what is measured."},
+        "channel": _NAME | {"description": "Channel of the measured quantity."},
         "time": {"anyOf": [*_NAME["anyOf"], clock], "description": "Channel of the times, or their interval."},
         "units": _table(
-            dict.fromkeys([*quantities, "voltage"], _TEXT), description="Units that the file does not say."
+            dict.fromkeys([*quantities, "voltage"], _TEXT), description="Units that the file does not give."
         ),
         "scale": _quantity("", 'Factor of the channel\'s numbers, such as "0.5 um/V", or -1.'),
         "decimal": {"enum": [",", "."], "description": "Decimal sign of a text; if left out, it is found in the file."},
@@ -169,18 +169,18 @@ def _record(entries: Mapping[str, Entry]) -> Document:
         "exclude": {"type": "array", "items": _PAIR | {"items": _quantity("s")}, "description": "Parts left out."},
         "held": {"type": "integer", "minimum": 2, "description": "Samples for which the sensor shows each value."},
         "decimate": {"type": "integer", "minimum": 2, "description": "Keeps every so many samples, low-passed."},
-        "start": _quantity("s", "When the drive starts on the file's clock."),
+        "start": _quantity("s", "Start of the drive on the file's clock."),
         "drive": _drive(entries),
         "resolution": _quantity("", "Step in which the sensor counts."),
         "sampling": {
             "type": ["object", "array"],
             "description": "Sample times of a record to be made: start, end, interval; or a list of such windows.",
         },
-        "conditioning": {"description": "What the drive did before t = 0: cycles, or a time for which it was held."},
+        "conditioning": {"description": "The drive before t = 0: cycles, or a time for which it was held."},
         "conditions": {
             "type": "array",
             "items": _TEXT,
-            "description": "Conditions under which it was made, as in path@condition.",
+            "description": "Conditions of the record, as in path@condition.",
         },
         **{key: {"enum": words} for key, words in choices.items()},
     }
@@ -190,7 +190,7 @@ def _record(entries: Mapping[str, Entry]) -> Document:
 
 
 def _design() -> Document:
-    """What the next records may be: of `pdssjax design`."""
+    """The limits of the next records, for `pdssjax design`."""
     types = {key: {"type": "array"} for key in ("kinds", "waveforms", "voltage", "frequency", "duty", "amplitude")}
     types |= {key: {"type": "object"} for key in ("noise", "correlation_time", "range", "rig")}
     types["budget"] = _table(
@@ -201,7 +201,7 @@ def _design() -> Document:
 
 
 def _drive(entries: Mapping[str, Entry]) -> Document:
-    """One table for each waveform; `waveform` says which."""
+    """One table for each waveform."""
     tables = []
     for waveform in members("drive"):
         entry = entries[f"drive/{waveform}"]
@@ -209,8 +209,8 @@ def _drive(entries: Mapping[str, Entry]) -> Document:
         keys |= {field: _quantity(declared.unit, meaning) for field, (declared, meaning) in entry.parameters.items()}
         keys |= {field: {"enum": words} for field, words in entry.choices.items()}
         keys["hold"] = _quantity("s", "Interval of a converter's staircase.")
-        # Other numbers that are left out the study's parameters may tell.
-        needed = ["waveform"] + ["frequency"] * ("frequency" in entry.parameters)
+        # Other numbers may be parameters of the study.
+        needed = ["waveform", *({"frequency"} & set(entry.parameters))]
         if waveform == "sampled":
             keys |= {key: {"description": text} for key, text in SAMPLED_KEYS.items()}
             needed.append("column")

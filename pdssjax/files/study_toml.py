@@ -1,6 +1,6 @@
 """Reads and checks a study file: the actuator's models, its parameters and its records.
 
-Its tables are read one by one: [parameters] and [constraints] by `parameter_table`, [[record]] by `record_table`.
+`parameter_table` reads the tables [parameters] and [constraints], `record_table` the tables [[record]].
 """
 
 import dataclasses
@@ -16,6 +16,7 @@ from ..piezo.base import AbstractPiezo
 from ..study import Record, Study, drive_with, paths_in, shared_fields, split_path
 from .parameter_table import read_constraints, read_parameters
 from .record_table import read_record
+from .results_folder import read_text
 from .toml_table import Table
 
 FORMAT = "pdssjax-study/1"
@@ -27,28 +28,27 @@ _STACKS = 'a name such as "second-order", or a table such as { dynamics = "stati
 
 
 def load_study(path: str | Path, virtual: bool = False) -> Study:
-    """Read and check a study file and the records it names.
+    """Read and check a study file and the files of its records.
 
-    With `virtual` the records are still to be made: those that say their `sampling` need no file.
+    With `virtual` the records are still to be made: those with a `sampling` need no file.
 
-    **Raises:** `InputError` that names file and key, or file, line and column, if anything
-    is missing, unknown or illegal.  Warns with `InputWarning` where the input is legal but
-    looks like a mistake.
+    **Raises:** `InputError` that names file and key, or file, line and column, if anything is missing, unknown or
+    illegal.  Warns with `InputWarning` where the input is legal but looks like a mistake.
     """
     path = Path(path)
     top = Table(read_toml(path), str(path))
-    found = top.text("format", f'"{FORMAT}"')
-    if found != FORMAT:
-        raise InputError(f'{top.at("format")}: found "{found}", expected "{FORMAT}".')
+    format_ = top.text("format", f'"{FORMAT}"')
+    if format_ != FORMAT:
+        raise InputError(f'{top.at("format")}: found "{format_}", expected "{FORMAT}".')
     top.only(["format", "title", "solver", "actuator", "parameters", "constraints", "record", "design"])
     actuator = top.table("actuator", 'a table with "piezo" and "friction"')
     actuator.only(["piezo", "friction", "friction_state", "feedback", "rests_under_load"])
     piezo = _read_piezo(actuator)
     records = _read_records(top, path.parent, virtual, piezo.has_steady_state)
-    # A study whose records show the platform alone need not name a contact law: any law does.
+    # Records of the platform alone do not depend on the friction law, so that a study of them need not name it.
     alone = bool(records) and all(record.measurement.platform_alone for record in records)
-    may_lack = alone and "friction" not in actuator.entries and actuator.entries.get("feedback") is not True
-    law = actuator.option("friction", members("friction"), *(["coulomb"] if may_lack else []))
+    default = ["coulomb"] if alone and actuator.entries.get("feedback") is not True else []
+    law = actuator.option("friction", members("friction"), *default)
     study = Study(
         title=top.text("title", "a text", path.stem),
         path=path,
@@ -80,16 +80,11 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
 
 def read_toml(path: Path) -> Document:
     """The content of a TOML file; **raises** `InputError` if it is missing or not valid TOML."""
+    text = read_text(path, "a study file")
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        str(document)  # of a hexadecimal integer Python finds only here that it cannot be written in a message
+        document = tomllib.loads(text)
+        str(document)  # raises here for hexadecimal integers too long to be written in messages
         return document
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file, expected a study file.") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}), expected a study file.") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: found {error.reason} at byte {error.start}, expected UTF-8 text.") from None
     except (ValueError, RecursionError) as error:  # beside syntax: integers and nesting beyond what Python reads
         raise InputError(f"{path}: found no valid TOML: {error}.") from None
 
@@ -111,7 +106,7 @@ def _read_records(top: Table, folder: Path, virtual: bool, settles: bool) -> tup
 
 
 def _check_durations(top: Table, study: Study) -> None:
-    """A duration shared by the drives must fit into the period of each that follows it."""
+    """**Raises** `InputError` where a duration shared by the drives does not fit into the period of one of them."""
     for path, parameter in study.parameters.items():
         base, condition = split_path(path)
         family, _, field = base.partition(".")
@@ -119,9 +114,8 @@ def _check_durations(top: Table, study: Study) -> None:
         if family != "drive" or parameter.unit != "s" or given is None:
             continue
         for record in study.records:
-            if record.drive is None or field not in shared_fields(record):
-                continue
-            if condition and condition not in record.conditions:
+            applies = not condition or condition in record.conditions
+            if record.drive is None or field not in shared_fields(record) or not applies:
                 continue
             clause = drive_with(record, {base: given}).broken_conditions().get(field)
             if clause:
@@ -131,7 +125,7 @@ def _check_durations(top: Table, study: Study) -> None:
 def _check_jumps(top: Table, study: Study) -> None:
     """Check the records of a piezo whose platform follows the voltage at once.
 
-    It feels no force, and some measurements are undefined at a jump.
+    Such a platform feels no force, and some measurements are undefined where it jumps.
     """
     if study.piezo.is_compliant:
         return
@@ -147,8 +141,8 @@ def _check_jumps(top: Table, study: Study) -> None:
         where, measurement = f'{top.where}: record "{record.name}": drive', record.measurement
         if record.drive is None:
             continue
-        here = {base: numbers[path] for base, path in paths_in(numbers, record.conditions).items()}
-        jumps = drive_with(record, here).has_jumps()
+        record_numbers = {base: numbers[path] for base, path in paths_in(numbers, record.conditions).items()}
+        jumps = drive_with(record, record_numbers).has_jumps()
         if jumps and not amplified and measurement.at_a_jump():
             raise InputError(
                 f"{where}: found a voltage that jumps, expected a fall or rise time above 0 or an amplifier: "
@@ -169,10 +163,9 @@ def _check_measurements(top: Table, study: Study) -> None:
     nominal = {path: declared.nominal for path, declared in study.models.declared().items() if declared.optional}
     for record in study.records:
         known = nominal | {path: math.nan if p.value is None else p.value for path, p in study.parameters.items()}
-        here = {base: known[path] for base, path in paths_in(known, record.conditions).items()}
-        wrong = record.measurement.refused(study.models, here, record)
-        if wrong:
-            raise InputError(f'{top.where}: record "{record.name}": {wrong}.')
+        record_numbers = {base: known[path] for base, path in paths_in(known, record.conditions).items()}
+        if reason := record.measurement.refused(study.models, record_numbers, record):
+            raise InputError(f'{top.where}: record "{record.name}": {reason}.')
 
 
 def _read_piezo(actuator: Table) -> type[AbstractPiezo]:
@@ -185,7 +178,7 @@ def _read_piezo(actuator: Table) -> type[AbstractPiezo]:
     dynamics = table.option("dynamics", DYNAMICS)
     if "modes" in table.entries and dynamics != "rod":
         raise InputError(f'{table.at("modes")}: found modes of "{dynamics}" dynamics, expected them of a "rod" only.')
-    made = Composition(dynamics, "none", 0, 1, 0, _count(table, "modes", 1))
+    composition = Composition(dynamics, "none", 0, 1, 0, _count(table, "modes", 1))
     if "hysteresis" in table.entries:
         given, example = table.entries["hysteresis"], 'a table such as { law = "play", elements = 8, asymmetry = 3 }'
         is_name = isinstance(given, str)
@@ -198,14 +191,15 @@ def _read_piezo(actuator: Table) -> type[AbstractPiezo]:
                 f'{ceramic.at("elements")}: found elements of "{law}", expected them of play or maxwell-slip.'
             )
         elements = _count(ceramic, "elements", 8) if has_elements else 0
-        made = made._replace(hysteresis=law, elements=elements, asymmetry=_count(ceramic, "asymmetry", 1))
+        asymmetry = _count(ceramic, "asymmetry", 1)
+        composition = composition._replace(hysteresis=law, elements=elements, asymmetry=asymmetry)
     if "creep" in table.entries:
         creep = table.table("creep", "a table such as { elements = 3 }")
         creep.only(["elements"])
-        made = made._replace(creep=_count(creep, "elements", 3, "creep"))
-    return member("piezo", f"composed:{made.text}")
+        composition = composition._replace(creep=_count(creep, "elements", 3, "creep"))
+    return member("piezo", f"composed:{composition.text}")
 
 
-def _count(table: Table, key: str, default: int, what: str = "") -> int:
-    most = MOST[what or key]
+def _count(table: Table, key: str, default: int, limit: str = "") -> int:
+    most = MOST[limit or key]
     return table.whole(key, f"a whole number from 1 to {most}", default, most=most)

@@ -1,13 +1,12 @@
-"""A sweep on the disk: a Zarr store while it runs, so that what was done outlives an interruption, and its results.
+"""A sweep on the disk: a Zarr store of its blocks, so that it can be resumed after an interruption, and its results.
 
-One process writes the store, which has the lock of a file beside it, a whole chunk a block: first what was found, then
-its digest, then the block's status.  Zarr writes a chunk to a temporary file and renames it, so that a chunk is there
-whole or not at all; a block whose status is not there is computed again.  Zarr's chunks have no checksum, and a bit
-that flipped on the disk is another number: the digest is of the job, the number of the block, its points and what was
-found there, and a block that does not match it when it is read is computed again.  The store is made beside its place
-and renamed, too.
+One process, with the lock of a file beside the store, writes a whole chunk for each block: first results, then their
+digest, then the status.  Zarr writes a chunk to a temporary file and renames it, so that a chunk is whole or missing; a
+block without status is computed again.  Zarr's chunks have no checksum against flipped bits, so that the digest covers
+the job, the number of the block, its points and its results; a block that does not match is computed again.  The store
+itself is also made beside its place and renamed.
 
-The results are the dataset, or the border that was looked for, with figures.  They have a digest as well.
+The results are the dataset of the sweep or of the border, with figures.  They have a digest as well.
 """
 
 import contextlib
@@ -27,7 +26,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..core import Document, InputError, InputWarning
-from ..sweeps import AbstractBlockStore, BlockPlan, blank, columns_of, differences, extended, job_text
+from ..sweeps import AbstractBlockStore, BlockPlan, count_columns, differences, empty_results, extend_plan, job_text
 from .file_lock import UNFINISHED, file_lock
 from .record_results import write_numbers
 from .results_folder import nearest_existing, staging_folder
@@ -45,14 +44,14 @@ _DIGEST = 32
 """Bytes of a block's digest."""
 
 Group: TypeAlias = Any
-"""A `zarr.Group`; zarr is loaded where it is used, and need not be installed."""
+"""A `zarr.Group`; zarr is an optional dependency, imported where it is used."""
 
 
 class SweepStore(AbstractBlockStore):
     """The blocks of a sweep in a Zarr store at `place`."""
 
     def __init__(self, place: Path | str, resume: bool = False, overwrite: bool = False):
-        """Open the store at `place`: `resume` continues one, `overwrite` replaces one; without them none may exist."""
+        """A store at `place`: `resume` continues it, `overwrite` replaces it; without them it must not exist."""
         self.place, self.resume, self.overwrite = Path(place), resume, overwrite
         self._group: Group = None
         self._lock = contextlib.ExitStack()
@@ -75,11 +74,11 @@ class SweepStore(AbstractBlockStore):
             else:
                 _create(self.place, document, plan)
             self._group, self._plan, self._job = _open_group(self.place), plan, job_text(document)
-            _check_arrays(self._group, columns_of(document), plan)
+            _check_arrays(self._group, count_columns(document), plan)
             _, damaged = self._read_verified()
             if damaged:
-                message = "what was stored does not match its digest, or has none; computed again."
-                warnings.warn(f"{self.place}: {_name_blocks(damaged)} {message}", InputWarning, 3)
+                reason = "found results that do not match their digest, or have none; they are computed again."
+                warnings.warn(f"{self.place}: {_name_blocks(damaged)}: {reason}", InputWarning, 3)
             done = self._status() == DONE
             return plan, [number for number in range(plan.blocks) if number in damaged or not done[number]]
         except InputError:
@@ -109,14 +108,14 @@ class SweepStore(AbstractBlockStore):
         return np.frombuffer(digest.digest(), np.uint8)
 
     def _read_verified(self) -> tuple[Float[np.ndarray, "points columns"], set[int]]:
-        """All that can be read, and the blocks that are said to be done but do not match their digest."""
+        """All results that can be read, and the blocks with status `DONE` that do not match their digest."""
         place, rows = self._plan.place, self._read_array("found", len(self._plan.order), self._plan.lanes, np.nan)
         digests = self._read_array("digest", self._plan.blocks, 1, 0)
         done = np.flatnonzero(self._status() == DONE).tolist()
         return rows, {n for n in done if not np.array_equal(digests[n], self._digest(n, rows[place(n)]))}
 
     def _read_array(self, name: str, length: int, chunk: int, filler: float) -> np.ndarray:
-        """The first `length` rows of an array, the `filler` in chunks that cannot be read."""
+        """The first `length` rows of an array, with the `filler` for chunks that cannot be read."""
         array = self._group[name]
         with contextlib.suppress(OSError, RuntimeError, ValueError):
             return np.asarray(array[:length])
@@ -131,46 +130,46 @@ class SweepStore(AbstractBlockStore):
         rows, damaged = self._read_verified()
         missing = self._status() != DONE
         missing[list(damaged)] = True
-        rows[np.repeat(missing, self._plan.lanes)[: len(rows)]] = blank(1, rows.shape[1])
+        rows[np.repeat(missing, self._plan.lanes)[: len(rows)]] = empty_results(1, rows.shape[1])
         if damaged:
-            message = "what was stored does not match its digest and is left out; go on with --resume."
-            warnings.warn(f"{self.place}: {_name_blocks(damaged)} {message}", InputWarning, 3)
+            reason = "found results that do not match their digest; they are left out, go on with --resume."
+            warnings.warn(f"{self.place}: {_name_blocks(damaged)}: {reason}", InputWarning, 3)
         return rows
 
     def _status(self) -> Int[np.ndarray, " blocks"]:
-        # An extension that was interrupted leaves room at the end.
+        # An interrupted extension leaves room at the end.
         return self._read_array("status", self._plan.blocks, 1, PENDING)
 
 
 def _name_blocks(blocks: set[int]) -> str:
-    """Blocks in words, as a message begins."""
+    """Blocks in words, such as "blocks 1, 2"."""
     first = ", ".join(map(str, sorted(blocks)[:8]))
     more = f" and {len(blocks) - 8} more" if len(blocks) > 8 else ""
-    return f"of block{'s' * (len(blocks) > 1)} {first}{more}"
+    return f"block{'s' if len(blocks) > 1 else ''} {first}{more}"
 
 
 def _unfinished_prefix(place: Path) -> str:
-    """How the names begin of stores that are not yet at their `place`."""
+    """Beginning of the names of unfinished stores for `place`."""
     return f"{UNFINISHED}{place.name}-"
 
 
 def check_zarr() -> None:
     """**Raises** `InputError` where Zarr is not installed, or writes in place."""
     try:
-        found = importlib.metadata.version("zarr")
+        version = importlib.metadata.version("zarr")
     except importlib.metadata.PackageNotFoundError:
-        found = ""
-    # From 3.1.6 on it writes by renaming.
-    if tuple(int(part) for part in found.split(".")[:3] if part.isdigit()) < (3, 1, 6):
-        installed = f"zarr {found}" if found else "no zarr"
+        version = ""
+    # From 3.1.6 on zarr writes by renaming.
+    if tuple(int(part) for part in version.split(".")[:3] if part.isdigit()) < (3, 1, 6):
+        installed = f"zarr {version}" if version else "no zarr"
         raise InputError(
             f"a sweep that can be resumed: found {installed}, expected 3.1.6 or later: \"pip install 'zarr>=3.1.6'\"."
         )
 
 
 def bytes_needed(document: Document, plan: BlockPlan) -> int:
-    """How much room [bytes] the store of a plan takes on the disk, at most."""
-    rows = len(plan.order) * 8 * (columns_of(document) + plan.values.shape[1] + 1)
+    """Upper bound of the size [bytes] of a plan's store on the disk."""
+    rows = len(plan.order) * 8 * (count_columns(document) + plan.values.shape[1] + 1)
     # On most disks a file takes 4096 bytes at least.
     return rows + 4096 * (4 * plan.blocks + 20)
 
@@ -185,18 +184,20 @@ def check_room(document: Document, plan: BlockPlan, place: Path) -> None:
 
 
 def _create(place: Path, document: Document, plan: BlockPlan) -> None:
-    """An empty store, made beside its place and renamed."""
+    """Make an empty store beside its place, and rename it."""
     import zarr
 
     place.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=_unfinished_prefix(place), dir=place.parent) as folder:
-        made = Path(folder) / place.name
-        group = zarr.create_group(made, attributes={"job": document, "lanes": plan.lanes, "points": len(plan.order)})
-        for name, array in _arrays(columns_of(document), plan).items():
-            made_array = group.create_array(name, **array._asdict())
+        unfinished = Path(folder) / place.name
+        group = zarr.create_group(
+            unfinished, attributes={"job": document, "lanes": plan.lanes, "points": len(plan.order)}
+        )
+        for name, array in _arrays(count_columns(document), plan).items():
+            stored = group.create_array(name, **array._asdict())
             if name in ("values", "order"):
-                made_array[:] = getattr(plan, name)
-        made.rename(place)
+                stored[:] = getattr(plan, name)
+        unfinished.rename(place)
 
 
 class _Array(NamedTuple):
@@ -223,18 +224,18 @@ def _arrays(columns: int, plan: BlockPlan) -> dict[str, _Array]:
 
 
 def _check_arrays(group: Group, columns: int, plan: BlockPlan) -> None:
-    """**Raises** `ValueError` where the arrays of a store are none that hold the blocks of `plan`.
+    """**Raises** `ValueError` where the arrays of a store cannot hold the blocks of `plan`.
 
-    They may be longer: an extension that was interrupted leaves room at the end.
+    They may be longer, since an interrupted extension leaves room at the end.
     """
     for name, expected in _arrays(columns, plan).items():
-        found = group[name]
-        # What is in a chunk of its own can be lost, and be computed again, without the others.
-        chunks = found.chunks if name in ("values", "order") else expected.chunks
-        same = (str(found.dtype), found.chunks, found.shape[1:]) == (expected.dtype, chunks, expected.shape[1:])
-        if not same or found.shape[0] < expected.shape[0]:
-            there = f"{found.dtype} of shape {found.shape} in chunks of {found.chunks}"
-            raise ValueError(f"{name}: {there} in place of {expected.dtype} of shape {expected.shape}")
+        array = group[name]
+        # Chunks of one block can be lost and computed again without the others.
+        chunks = array.chunks if name in ("values", "order") else expected.chunks
+        same = (str(array.dtype), array.chunks, array.shape[1:]) == (expected.dtype, chunks, expected.shape[1:])
+        if not same or array.shape[0] < expected.shape[0]:
+            stored = f"{array.dtype} of shape {array.shape} in chunks of {array.chunks}"
+            raise ValueError(f"{name}: {stored} in place of {expected.dtype} of shape {expected.shape}")
 
 
 def _open_group(place: Path) -> Group:
@@ -251,36 +252,36 @@ def _open_group(place: Path) -> Group:
 
 
 def _plan_to_resume(place: Path, group: Group, document: Document, plan: BlockPlan) -> BlockPlan:
-    """The plan of the store, which is `plan` or has the same points in other blocks; new points are made room for."""
-    other = differences(document, group.attrs["job"])
+    """The plan of the store with the points of `plan`, maybe in other blocks; makes room for new points."""
+    differing = differences(document, group.attrs["job"])
     points = int(group.attrs["points"])
-    # Begun on a machine with other devices, it goes on in the blocks that it has.
+    # The store keeps the size of its blocks on a machine with other devices.
     plan = dataclasses.replace(plan, lanes=group["found"].chunks[0])
-    whole = None if other else extended(plan, np.asarray(group["values"][:points]))
-    if whole is None:
-        other = other or [f"{points} points, not all of them among these {len(plan.order)}"]
-        more = f", and {len(other) - 3} more" if len(other) > 3 else ""
+    extended = None if differing else extend_plan(plan, np.asarray(group["values"][:points]))
+    if extended is None:
+        differing = differing or [f"{points} points, not all of them among these {len(plan.order)}"]
+        more = f", and {len(differing) - 3} more" if len(differing) > 3 else ""
         raise InputError(
-            f"{place}: found the store of another sweep ({'; '.join(other[:3])}{more}); expected that of this one, "
+            f"{place}: found the store of another sweep ({'; '.join(differing[:3])}{more}); expected that of this one, "
             "another folder, or --overwrite."
         )
-    if len(whole.order) > points:
-        if points % whole.lanes:
-            # New points fill this block up.
-            group["status"][points // whole.lanes] = PENDING
-        for name, array in _arrays(group["found"].shape[1], whole).items():
+    if len(extended.order) > points:
+        if points % extended.lanes:
+            # New points fill up this block.
+            group["status"][points // extended.lanes] = PENDING
+        for name, array in _arrays(group["found"].shape[1], extended).items():
             group[name].resize(array.shape)
-        group["values"][points:] = whole.values[points:]
-        group["order"][:] = whole.order
-        group.attrs["points"] = len(whole.order)  # last: an extension that is broken off leaves room at the end
-    return whole
+        group["values"][points:] = extended.values[points:]
+        group["order"][:] = extended.order
+        group.attrs["points"] = len(extended.order)  # last: an interrupted extension leaves room at the end
+    return extended
 
 
 def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
     """Put a sweep's `xarray.Dataset` into `folder` as sweep.nc or sweep.zarr, with its map and `parameters.json`.
 
-    A sweep of both directions has `directions.png`, too.  A single point has no map, one of each direction no figure
-    beside it.
+    A sweep of both directions also has `directions.png`.  A single point has no map, and a point of each direction no
+    `directions.png`.
     """
     from ..report.figures import directions_figure, save_figure, sweep_figure
     from ..sweeps import ALONG
@@ -294,7 +295,7 @@ def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
 
 
 def write_border(data: "xarray.Dataset", folder: Path, store: str) -> None:
-    """Put what `find_border` found into `folder` as border.nc or border.zarr, drawn, with `parameters.json`."""
+    """Put a border of `find_border` into `folder` as border.nc or border.zarr, with figure and `parameters.json`."""
     from ..report.figures import border_figure, save_figure
 
     with staging_folder(folder) as staging:
@@ -306,14 +307,14 @@ def _write_dataset(data: "xarray.Dataset", staging: Path, name: str, store: str)
     write_numbers(json.loads(data.attrs["parameters"]), staging)
     data = data.assign_attrs({_CHECKSUM: _checksum(data)})
     if store == "zarr":
-        # Only format 2 specifies consolidated metadata; without, whoever opens the store is warned.
+        # Only format 2 specifies consolidated metadata, without which readers warn.
         data.to_zarr(staging / f"{name}.zarr", zarr_format=2, consolidated=True)
     else:
         data.to_netcdf(staging / f"{name}.nc", engine="scipy")
 
 
 _CHECKSUM = "digest"
-"""The attribute with the digest of a dataset: neither format has checksums, and a flipped bit is another number."""
+"""The attribute with the digest of a dataset: neither format has checksums against flipped bits."""
 
 
 def _checksum(data: "xarray.Dataset") -> str:
@@ -323,7 +324,7 @@ def _checksum(data: "xarray.Dataset") -> str:
         variable = data[name]
         values = np.asarray(variable.values)
         digest.update(_canonical_text([name, variable.dims, variable.attrs]))
-        # Formats keep integers in types of their own, and NaN has many forms.
+        # Formats change the types of integers, and NaN has many bit patterns.
         if values.dtype.kind in "iufb":
             numbers = values.astype("<f8")
             digest.update(np.where(np.isnan(numbers), np.nan, numbers).tobytes())
@@ -333,7 +334,7 @@ def _checksum(data: "xarray.Dataset") -> str:
 
 
 def _canonical_text(value: object) -> bytes:
-    """A value as text that is the same for the same numbers, whatever their types."""
+    """A value as text that depends on numbers, not on their types."""
     as_number = lambda entry: np.asarray(entry).tolist() if hasattr(entry, "dtype") else str(entry)
     numbers = lambda entry: float(entry) if isinstance(entry, int | float | np.number) else entry
     if isinstance(value, dict):
@@ -342,7 +343,7 @@ def _canonical_text(value: object) -> bytes:
 
 
 def check_store(store: str) -> None:
-    """Refuse a format of `write_sweep` that cannot be written here."""
+    """**Raises** `InputError` for a format of `write_sweep` whose library is not installed."""
     if store == "zarr" and importlib.util.find_spec("zarr") is None:
         raise InputError('option --store: found zarr, which is not installed; expected netcdf, or "pip install zarr".')
 
@@ -355,18 +356,18 @@ def read_sweep(folder: Path) -> "xarray.Dataset":
     import xarray
 
     engines = {"sweep.nc": "scipy", "sweep.zarr": "zarr"}
-    held = [name for name in engines if (folder / name).exists()]
-    if not held:
+    names = [name for name in engines if (folder / name).exists()]
+    if not names:
         raise InputError(f"{folder}: found no {' or '.join(engines)}, expected the results of pdssjax sweep.")
     try:
-        with xarray.open_dataset(folder / held[0], engine=engines[held[0]]) as opened:
+        with xarray.open_dataset(folder / names[0], engine=engines[names[0]]) as opened:
             data = opened.load()
-    except Exception as error:  # what reads them raises errors of many types
-        raise InputError(f"{folder / held[0]}: cannot be read ({error}), expected a sweep.") from None
-    # Of an older version it has none.
+    except Exception as error:  # libraries raise errors of many types
+        raise InputError(f"{folder / names[0]}: cannot be read ({error}), expected a sweep.") from None
+    # Sweeps of older versions have no digest.
     if data.attrs.get(_CHECKSUM, "") not in ("", _checksum(data)):
         raise InputError(
-            f"{folder / held[0]}: found numbers that do not match their digest, expected the file as pdssjax sweep "
+            f"{folder / names[0]}: found numbers that do not match their digest, expected the file as pdssjax sweep "
             "wrote it; the sweep's command with --resume writes it again."
         )
     return data

@@ -1,4 +1,4 @@
-"""Checked access to the tables of a TOML file, with messages that name the place; text as TOML writes it."""
+"""Checked access to the tables of a TOML file, with messages that name the place; strings of TOML."""
 
 import dataclasses
 import json
@@ -17,7 +17,7 @@ _REQUIRED: Any = object()
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """A table of a TOML file.  Every method raises `InputError` where its claim fails."""
+    """A table of a TOML file.  Every method raises `InputError` where the table is not as it requires."""
 
     entries: Document
     """Keys and values as read."""
@@ -29,7 +29,7 @@ class Table:
         return f'{self.where}: key "{key}"'
 
     def only(self, known: Iterable[str]) -> None:
-        """There are no keys but the `known` ones."""
+        """Require that all keys are among the `known` ones."""
         known = list(known)
         for key in self.entries:
             if key not in known:
@@ -40,14 +40,14 @@ class Table:
     @overload
     def get(self, key: str, kind: type[Kind], expected: str, default: Default) -> Kind | Default: ...
     def get(self, key: str, kind: type[Kind], expected: str, default: Default = _REQUIRED) -> Kind | Default:
-        """The value of `key`, of the type `kind`; `expected` says so in words."""
+        """The value of `key`, of the type `kind`; `expected` describes it for messages."""
         if key not in self.entries:
             if default is not _REQUIRED:
                 return default
             raise InputError(f'{self.where}: the key "{key}" is missing, expected {expected}.')
         value = self.entries[key]
         if not isinstance(value, kind):
-            raise InputError(f"{self.at(key)}: found {_shown(value)}, expected {expected}.")
+            raise InputError(f"{self.at(key)}: found {_value_text(value)}, expected {expected}.")
         return value
 
     def text(self, key: str, expected: str, default: str = _REQUIRED) -> str:
@@ -76,10 +76,10 @@ class Table:
         return default if value is default else to_si(value, unit, self.at(key))
 
     def whole(self, key: str, expected: str, default: int = _REQUIRED, least: int = 1, most: float = math.inf) -> int:
-        """A whole number from `least` to `most`; `expected` says so in words."""
+        """A whole number from `least` to `most`; `expected` describes it for messages."""
         value = self.get(key, object, expected, default)
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-            raise InputError(f"{self.at(key)}: found {_shown(value)}, expected {expected}.")
+            raise InputError(f"{self.at(key)}: found {_value_text(value)}, expected {expected}.")
         return value
 
     def quantity(self, key: str, declared: Quantity) -> float:
@@ -93,7 +93,7 @@ class Table:
         return Table(self.get(key, dict, expected, default), f"{self.where}: {key}")
 
 
-def _shown(value: object) -> str:
+def _value_text(value: object) -> str:
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, bool):
@@ -103,5 +103,5 @@ def _shown(value: object) -> str:
 
 def quoted(text: str) -> str:
     """A `text` as a string of TOML, in quotation marks."""
-    # What JSON escapes TOML escapes alike, but for the last control character.
+    # TOML has the escapes of JSON, and needs one for the last control character.
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
         AbstractBlockStore as AbstractBlockStore,
         BlockPlan as BlockPlan,
         MemoryStore as MemoryStore,
-        blank as blank,
-        columns_of as columns_of,
-        extended as extended,
+        count_columns as count_columns,
+        empty_results as empty_results,
+        extend_plan as extend_plan,
     )
     from .border import DEAD as DEAD, find_border as find_border
     from .cycles import METRICS as METRICS

@@ -1,6 +1,6 @@
-"""Blocks of points: which are computed together, how devices share them, what is kept of each, whether all fit.
+"""Blocks of points that are computed together: their plan, their results in a store, and their shares of the devices.
 
-A block holds points that take about as long as each other.  A store is written by the process that runs the sweep,
+The points of a block take about as long as each other.  A store is written by the process that runs the sweep,
 never by its workers.  Each device of a machine takes an equal share of a block, and none waits for another.
 """
 
@@ -19,7 +19,6 @@ from ..core import Document, InputError
 from ..integration import FAILURES
 
 SKIPPED, NOT_COMPUTED, INCOMPLETE, GRAZING = (len(FAILURES) + i for i in range(4))
-
 POINT_FAILURES = (
     *FAILURES,
     "skipped: the numbers of its drive contradict each other",
@@ -31,12 +30,11 @@ POINT_FAILURES = (
 )
 """Sentences on the failure of a point, by its number; 0 is none."""
 
-
 LANES = 64
-"""Points side by side on a CPU: measured, the fastest from 16 to 128."""
+"""Points side by side on a CPU: measurements from 16 to 128 found this the fastest."""
 
 _PACE = ("drive.direction", "drive.frequency")
-"""Neighbours in a block wait for the slowest of them, and these set the pace: first what has the fewest values."""
+"""Paths that set the time of a point, the one with the fewest values first: a block waits for its slowest point."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -46,17 +44,17 @@ class BlockPlan:
     values: Float[np.ndarray, "points paths"]
     """The numbers [SI] of all points, in the order of the blocks."""
     order: Int[np.ndarray, " points"]
-    """Which point of the set each of them is."""
+    """Index of each of them in the set of points."""
     lanes: int = LANES
     """Points in a block; the last may have fewer."""
 
     @property
     def blocks(self) -> int:
-        """How many there are."""
+        """Number of blocks."""
         return -(-len(self.order) // self.lanes)
 
     def place(self, number: int) -> slice:
-        """Where the points of block `number` stand in the plan."""
+        """Rows of the plan that are the points of block `number`."""
         return slice(number * self.lanes, min((number + 1) * self.lanes, len(self.order)))
 
     def block(self, number: int) -> Float[np.ndarray, "lanes paths"]:
@@ -65,59 +63,59 @@ class BlockPlan:
         return np.concatenate([values, np.repeat(values[-1:], self.lanes - len(values), axis=0)])
 
 
-def extended(plan: BlockPlan, held: Float[np.ndarray, "held paths"]) -> BlockPlan | None:
-    """The points of `plan` with those that are `held` first, as they stand; None where it has not all of them.
+def extend_plan(plan: BlockPlan, stored: Float[np.ndarray, "stored paths"]) -> BlockPlan | None:
+    """The points of `plan`, those that are `stored` first and in their order; None where `plan` lacks one of them.
 
-    Blocks of points that are held are then what they were, but for the last, which new points fill up.
+    The blocks of a store stay what they were, but for the last, which new points fill up.
     """
-    if held.shape[1] != plan.values.shape[1]:
+    if stored.shape[1] != plan.values.shape[1]:
         return None
-    where = {row.tobytes(): place for place, row in enumerate(plan.values)}
-    known = np.array([where.get(row.tobytes(), -1) for row in held], int)
+    indices = {row.tobytes(): index for index, row in enumerate(plan.values)}
+    known = np.array([indices.get(row.tobytes(), -1) for row in stored], int)
     if np.any(known < 0) or np.unique(known).size != known.size:
         return None
-    new = np.setdiff1d(np.arange(len(plan.values)), known)
-    places = np.concatenate([known, new])
-    return dataclasses.replace(plan, values=plan.values[places], order=plan.order[places])
+    chosen = np.concatenate([known, np.setdiff1d(np.arange(len(plan.values)), known)])
+    return dataclasses.replace(plan, values=plan.values[chosen], order=plan.order[chosen])
 
 
 def plan_blocks(paths: tuple[str, ...], values: Float[np.ndarray, "points paths"], lanes: int) -> BlockPlan:
-    """Points of like pace together; the same for the same points."""
+    """Plan blocks of points that take similar time; the same points give the same plan."""
     pace = [values[:, paths.index(path)] for path in reversed(_PACE) if path in paths]
     order = np.lexsort(pace) if pace else np.arange(len(values))
     return BlockPlan(values[order], order, lanes)
 
 
 class AbstractBlockStore(abc.ABC):
-    """Keeps what was found, block by block, so that it is there when a sweep is interrupted."""
+    """Keeps the results block by block, so that an interrupted sweep can go on."""
 
     @abc.abstractmethod
     def open(self, document: Document, plan: BlockPlan) -> tuple[BlockPlan, Sequence[int]]:
-        """Prepare for the points of `plan` and return which blocks are still to be computed, and of which plan.
+        """Prepare for the points of `plan`; return the plan to compute, and the numbers of its blocks still to compute.
 
-        That is another one of the same points where the store holds a part of them in other blocks.
+        The plan returned has the same points, in other blocks where the store holds some of them in other blocks.
 
-        **Raises:** `InputError` where it holds another sweep, and says what differs, or where another process has it.
+        **Raises:** `InputError` that says what differs where the store holds another sweep, or that another process
+        uses the store.
         """
 
     @abc.abstractmethod
     def keep(self, number: int, found: Float[np.ndarray, "points columns"]) -> None:
-        """Keep what was found at the points of block `number`, one row each: the metrics in SI, then the failure."""
+        """Keep the results at the points of block `number`, one row each: the metrics in SI, then the failure."""
 
     def close(self) -> None:
-        """Give back what `open` has taken, such as a lock; what is kept stays."""
+        """Release what `open` acquired, such as a lock; the results stay."""
         return None
 
     @abc.abstractmethod
     def read(self) -> Float[np.ndarray, "points columns"]:
-        """All that was found [SI], in the plan's order; NaN and `NOT_COMPUTED` where a block failed or is missing."""
+        """All results [SI], in the plan's order; NaN and `NOT_COMPUTED` where a block failed or is missing."""
 
 
 class MemoryStore(AbstractBlockStore):
     """Keeps the blocks in memory, for this process alone."""
 
     def open(self, document: Document, plan: BlockPlan) -> tuple[BlockPlan, Sequence[int]]:
-        self._plan, self._found = plan, blank(len(plan.order), columns_of(document))
+        self._plan, self._found = plan, empty_results(len(plan.order), count_columns(document))
         return plan, range(plan.blocks)
 
     def keep(self, number: int, found: Float[np.ndarray, "points columns"]) -> None:
@@ -127,81 +125,83 @@ class MemoryStore(AbstractBlockStore):
         return self._found
 
 
-def columns_of(document: Document) -> int:
-    """Columns of what the job `document` finds at a point: its metrics, then the failure."""
+def count_columns(document: Document) -> int:
+    """Number of results of the job `document` at a point: its metrics, then the failure."""
     return len(document["metrics"]) + 1
 
 
-def blank(points: int, columns: int) -> Float[np.ndarray, "points columns"]:
+def empty_results(points: int, columns: int) -> Float[np.ndarray, "points columns"]:
     """Results of points that were not computed."""
-    found = np.full((points, columns), np.nan)
-    found[:, -1] = NOT_COMPUTED
-    return found
+    results = np.full((points, columns), np.nan)
+    results[:, -1] = NOT_COMPUTED
+    return results
 
 
 _COPIES = 4
 """Copies of all points and results held at once: in the order of the axes, in that of the blocks, labelled."""
 
-_SHARE = 0.5
+_MEMORY_SHARE = 0.5
 """Part of the machine's memory that they may take."""
 
 
 def check_memory(points: int, paths: int, columns: int) -> None:
     """**Raises** `InputError` for more points than this machine can hold, with `columns` numbers found at each.
 
-    Where the machine does not tell how much memory it has nothing is refused.
+    Nothing is refused where the system does not tell its memory.
     """
     try:
-        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):
         return
     needed = 8 * _COPIES * points * (paths + columns)
-    if needed > _SHARE * there:
+    if needed > _MEMORY_SHARE * memory:
         raise InputError(
             f"sweep: found {points:.4g} points, which take {1e-9 * needed:.3g} GB of memory, expected at most "
-            f"{1e-9 * _SHARE * there:.3g} GB, half of what this machine has: ask for fewer, or for one part after "
-            "the other."
+            f"{1e-9 * _MEMORY_SHARE * memory:.3g} GB, half of this machine's: ask for fewer, or for one part after the "
+            "other."
         )
 
 
-_ACCELERATED = 4096
-"""Points side by side on a device other than a CPU: it has as many lanes, and a step costs it its launches."""
+_DEVICE_LANES = 4096
+"""Points side by side on a device other than a CPU: it has as many lanes, and launches dominate the cost of a step."""
 
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 """A pytree of arrays, one row a point."""
 
 
-def shared_out(look: Callable[[Float[Array, "points paths"]], Found], points: Float[Array, "points paths"]) -> Found:
-    """What `look` finds at `points`, each device of this machine looking at its share of them.
+def map_over_devices(
+    compute: Callable[[Float[Array, "points paths"]], Result], points: Float[Array, "points paths"]
+) -> Result:
+    """`compute(points)`, where each device of this machine computes an equal share of the points.
 
-    **Arguments:** `look` treats points alike, in any number; there are a multiple of `whole_shares(1)` of them.
+    **Arguments:** `compute` treats points alike, in any number; the number of `points` is a multiple of
+    `round_up_to_devices(1)`.
     """
     devices = np.array(jax.local_devices())
     if devices.size == 1:
-        return look(points)
+        return compute(points)
     share = PartitionSpec("points")
-    # Loops end at another turn on each device, which what JAX knows of replicated values does not allow for.
-    return jax.shard_map(look, mesh=Mesh(devices, ("points",)), in_specs=share, out_specs=share, check_vma=False)(
-        points
-    )
+    mesh = Mesh(devices, ("points",))
+    # Loops end after different numbers of turns on the devices, which JAX's check of replicated values refuses.
+    return jax.shard_map(compute, mesh=mesh, in_specs=share, out_specs=share, check_vma=False)(points)
 
 
-def whole_shares(points: int) -> int:
-    """The least number of points, at least so many, that the devices of this machine can share equally."""
+def round_up_to_devices(points: int) -> int:
+    """The smallest multiple of the number of this machine's devices that is not less than `points`."""
     devices = jax.local_device_count()
     return -(-points // devices) * devices
 
 
-def lanes_here() -> int:
-    """Points of a block that suits the devices of this machine."""
+def default_lanes() -> int:
+    """Points of a block, as many as suit the devices of this machine."""
     devices = jax.local_devices()
-    return len(devices) * (LANES if devices[0].platform == "cpu" else _ACCELERATED)
+    return len(devices) * (LANES if devices[0].platform == "cpu" else _DEVICE_LANES)
 
 
 def default_workers() -> int:
-    """Threads that keep this machine busy: one a core, or two where there are several devices or other than CPUs.
+    """Threads that keep this machine busy: one a core, or two with several devices or accelerators.
 
-    One then prepares a block while the devices compute another.
+    With two, one thread prepares a block while the devices compute another.
     """
     devices = jax.local_devices()
     return 2 if len(devices) > 1 or devices[0].platform != "cpu" else os.cpu_count() or 1

@@ -1,9 +1,8 @@
 """The cycle of a motion that a sweep measures: that of a given number, counted from rest, or the steady one.
 
-For the steady cycle, points side by side are integrated until their motion repeats; the few that take longer are found
-one by one, by Newton's method on the cycle map (`pdssjax.integration.steady_motion`), or, near one with a reversal that
-grazes, by integrating many cycles.  Further metrics and derivatives need a `Course`: the measured motion with all its
-steps.
+For the steady cycle, points side by side are integrated until their motion repeats.  The few that take longer are
+solved one by one, by Newton's method on the cycle map (`pdssjax.integration.steady_motion`), or by integrating many
+cycles where a reversal nearly grazes.  Further metrics and derivatives need a `Course`, the motion with all its steps.
 """
 
 import abc
@@ -44,19 +43,13 @@ from ..simulation import StickSlip, StickSlipState, grazing
 from .blocks import GRAZING
 
 SIDE_BY_SIDE = Taylor(16)
-"""Steps of points side by side, where all that an order adds is computed: finer series would gain nothing."""
+"""Method for points side by side, whose steps always compute all terms: a higher order would gain nothing."""
 
 FINE = Accuracy(tolerance=1e-17, settle_tolerance=1e-15)
 """Accuracy for derivatives: a net step is a small difference of long motions, which coarser steps lose."""
 
-_LINE = 6
-"""Samples by which the line of a flank is found."""
-
-_INSIDE = 1e-6
-"""How far inside the fitted part they stay, in parts of a flank: rounding must not put one outside."""
-
-_PARTS = np.linspace(FLANK[0] + _INSIDE, FLANK[1] - _INSIDE, _LINE)
-"""Fractions of the voltage's way along the flank, where the samples are."""
+_FLANK_FRACTIONS = np.linspace(FLANK[0] + 1e-6, FLANK[1] - 1e-6, 6)
+"""Fractions of a flank's voltage at which its line is sampled; 1e-6 inside the fitted part, for rounding."""
 
 
 class Metric(NamedTuple):
@@ -64,8 +57,7 @@ class Metric(NamedTuple):
 
     unit: str
     """In SI."""
-    says: str
-    """In words."""
+    description: str
     by: str = ""
     """The path by which a derivative is taken; "" for other metrics."""
 
@@ -79,9 +71,8 @@ METRICS = {
 }
 """Metrics of every cycle, by the names of `pdssjax.metrics.CycleMetrics`."""
 
-
-OF_FLANKS = "efficiency", "stroke", "back_slip"
-"""Metrics of a cycle that is a slow and a fast flank."""
+FLANK_METRICS = "efficiency", "stroke", "back_slip"
+"""Metrics that only a cycle of a slow and a fast flank has."""
 
 
 class Opening(NamedTuple):
@@ -90,35 +81,35 @@ class Opening(NamedTuple):
     x: Float[Array, " components"]
     """The state; at rest, or just before the corner that opens a cycle that repeats."""
     repeats: Count
-    """After how many cycles the motion is there again; 0 where that is not asked, or where it is not."""
+    """Number of cycles after which the motion repeats; 0 where it does not, or the cycle is a numbered one."""
     multiplier: Scalar
     """Modulus of the largest Floquet multiplier; NaN: there is no orbit, or it grazes."""
     grazing: Scalar
-    """How near a reversal of the orbit that Newton's method found is to grazing; where it grazes, this is the opening
-    of integrated cycles instead.  NaN: there is none that attracts."""
+    """Nearness to grazing of the reversals of the orbit that Newton's method found; where one grazes, the opening is
+    that of integrated cycles instead.  NaN: there is no attracting orbit."""
     failure: Count
     """Index into `pdssjax.integration.FAILURES`."""
 
 
 class Course(NamedTuple):
-    """One cycle, or all those after which a motion repeats, integrated with room for what tells the last slip."""
+    """One cycle, or those after which a motion repeats, integrated up to the slow flank that follows them."""
 
     system: StickSlip
     moving: AbstractHybridSystem
     """What was integrated: the system, or the system from the opening of a cycle on."""
     run: SteppedRun
     begin: Scalar
-    """When the first of the cycles opens, on the clock of `moving` [s]."""
+    """Start of the first of the cycles, on the clock of `moving` [s]."""
     span: Count
-    """How many there are."""
+    """Number of cycles."""
     most: int
-    """How many there may be."""
+    """Largest number of cycles."""
     failure: Count
     """Index into `pdssjax.integration.FAILURES`."""
 
 
 class AbstractCycle(eqx.Module):
-    """A cycle of a motion, which is to be measured."""
+    """A cycle of a motion, to be measured."""
 
     @property
     def metrics(self) -> dict[str, Metric]:
@@ -127,13 +118,13 @@ class AbstractCycle(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def described(self) -> int | str:
+    def label(self) -> int | str:
         """The cycle as `sweep(cycles=...)` takes it."""
 
     @property
     @abc.abstractmethod
     def accuracy(self) -> Accuracy:
-        """How finely to integrate where nothing else is said."""
+        """Default accuracy of the integration."""
 
     @abc.abstractmethod
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
@@ -141,45 +132,45 @@ class AbstractCycle(eqx.Module):
 
     @abc.abstractmethod
     def opening(self, system: StickSlip) -> Opening:
-        """Where the measured motion begins, found finely; not differentiable."""
+        """The beginning of the measured motion, at the accuracy `FINE`; not differentiable."""
 
     @abc.abstractmethod
     def course(self, system: StickSlip, opening: Opening) -> Course:
-        """The measured motion with all its steps, finely integrated: for further metrics and for derivatives.
+        """The measured motion with all its steps at the accuracy `FINE`, for further metrics and for derivatives.
 
         Differentiable in every floating-point leaf of `system`, and in the state of an `opening` that repeats.
         """
 
-    def moved_opening(
+    def opening_derivatives(
         self,
         system: StickSlip,
         opening: Opening,
         monodromy: Float[Array, "components components"],
         driven: Float[Array, "components by"],
     ) -> Float[Array, "components by"]:
-        """Derivatives of the opening's state, given those of the state that ends the course; at rest there are none."""
+        """Derivatives of the opening's state, from those of the state that ends the course; zero at rest."""
         return jnp.zeros_like(driven)
 
     def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
-        """Which points are worth a `patient` look; none by default."""
+        """Whether `measure_patiently` must measure a point again; False by default."""
         return np.zeros(len(found), bool)
 
-    def patient(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
-        """Measure the few points that are `unfinished`, one after the other.  Fails with `GRAZING`, too."""
+    def measure_patiently(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
+        """Measure one of the few points that are `unfinished`; the failure may also be `GRAZING`."""
         return self.measure(system, accuracy)
 
 
 class Timing(NamedTuple):
-    """When the cycles of a drive are measured."""
+    """Times at which the cycles of a drive are measured."""
 
     frequency: Scalar
     """Cycles a second [Hz]."""
     fall: Scalar
     """Duration of the fast flank [s], with which a cycle begins."""
     phases: Float[Array, " line"]
-    """Sample times [s] within a cycle, on its slow flank: evenly by the voltage."""
+    """Sample times [s] within a cycle, on its slow flank, at even steps of the voltage."""
     has_flanks: bool
-    """The cycle is a slow and a fast flank."""
+    """Whether the cycle is a slow and a fast flank."""
 
     @property
     def period(self) -> Scalar:
@@ -188,26 +179,25 @@ class Timing(NamedTuple):
 
 
 def timing(drive: AbstractDrive) -> Timing:
-    """When the cycles of a periodic `drive` are measured."""
+    """Times at which the cycles of a periodic `drive` are measured."""
     frequency, flanks = jnp.asarray(drive.cycle_frequency(), float), drive.flanks()
     fall = jnp.zeros(()) if flanks is None else jnp.asarray(flanks.fast, float)
-    phases = fall + (1.0 / frequency - fall) * drive.slow_flank_times(_PARTS)
+    phases = fall + (1.0 / frequency - fall) * drive.slow_flank_times(_FLANK_FRACTIONS)
     return Timing(frequency, fall, phases, flanks is not None)
 
 
 def cycles_at(when: Timing, effector: Float[Array, "flanks line"]) -> CycleMetrics:
     """Metrics of each cycle but the last, from the `effector` [m] at the phases of the slow flanks.
 
-    The stroke is what the end-effector moves with the voltage along the flank, times the flank's whole voltage: as if
-    the flank were straight, where it is not.  Without a slow and a fast flank there are no stroke, back-slip and
-    efficiency: NaN.
+    The stroke is the end-effector's displacement per voltage along the flank, times the flank's whole voltage, also
+    where the flank is not straight.  Without a slow and a fast flank the `FLANK_METRICS` are NaN.
     """
-    straight = when.fall + (when.period - when.fall) * _PARTS
+    straight = when.fall + (when.period - when.fall) * _FLANK_FRACTIONS
     times = (jnp.arange(len(effector))[:, None] * when.period + straight).ravel()
     found = cycle_metrics(times, effector.ravel(), when.frequency, 0.0, len(effector) - 1, when.fall)
     if when.has_flanks:
         return found
-    return found._replace(**dict.fromkeys(OF_FLANKS, jnp.full_like(found.stroke, jnp.nan)))
+    return found._replace(**dict.fromkeys(FLANK_METRICS, jnp.full_like(found.stroke, jnp.nan)))
 
 
 def effector_at(system: StickSlip, x: StickSlipState[Float[Array, " m"]]) -> Float[Array, " m"]:
@@ -223,7 +213,7 @@ def sampled_states(course: Course, phases: Float[Array, " phases"], cycles: int)
     return states_at(course.moving, course.run, times)
 
 
-def closing(course: Course) -> Float[Array, " components"]:
+def final_state(course: Course) -> Float[Array, " components"]:
     """The state just before the corner that ends the cycles."""
     period = timing(course.system.drive).period
     before = (course.begin + course.span * period * (1.0 - SHORT))[None]
@@ -231,34 +221,31 @@ def closing(course: Course) -> Float[Array, " components"]:
 
 
 def mean_over_cycles(course: Course, values: Float[Array, " cycles"]) -> Scalar:
-    """The mean of what each of `course.most` cycles has, over those that there are."""
-    counts = jnp.arange(course.most) < course.span
-    return jnp.sum(jnp.where(counts, values, 0.0)) / course.span
+    """The mean of `values`, one for each of `course.most` cycles, over the first `course.span`."""
+    return jnp.sum(jnp.where(jnp.arange(course.most) < course.span, values, 0.0)) / course.span
 
 
 def step_metrics(course: Course) -> dict[str, Scalar]:
-    """The metrics that every cycle has (`METRICS`), differentiable in all that the course is."""
+    """The `METRICS` of a course, differentiable in all its leaves."""
     when = timing(course.system.drive)
     effector = effector_at(course.system, sampled_states(course, when.phases, course.most + 1).x)
     effector = effector.reshape(course.most + 1, -1)
-    found, places = cycles_at(when, effector), effector[:, 0]
-    net = (places[course.span] - places[0]) / course.span
-    stroke = mean_over_cycles(course, found.stroke)
-    return _metrics_of(net, stroke, when.frequency)
+    net = (effector[course.span, 0] - effector[0, 0]) / course.span
+    return _metrics_of(net, mean_over_cycles(course, cycles_at(when, effector).stroke), when.frequency)
 
 
 def _metrics_of(net: Scalar, stroke: Scalar, frequency: Scalar) -> dict[str, Scalar]:
-    """`METRICS`, by name and in their order, of the net step and the stroke of a cycle."""
-    found = {"efficiency": net / stroke, "stroke": stroke, "back_slip": stroke - net}
-    found |= {"net_step": net, "speed": net * frequency}
-    return {name: found[name] for name in METRICS}
+    """`METRICS`, in their order, from the net step and the stroke of a cycle."""
+    speed, efficiency = net * frequency, net / stroke
+    values = (net, speed, efficiency, stroke, stroke - net)
+    return dict(zip(METRICS, values, strict=True))
 
 
 def steps_within(course: Course) -> tuple[Bool[Array, " room"], Count]:
-    """Which steps belong to the cycles, and to how many: of a motion that repeats its last period is there once."""
+    """Which steps belong to the cycles, and their number of cycles; the period of a motion that repeats counts once."""
     run, period = course.run, timing(course.system.drive).period
     begins = jax.lax.stop_gradient(run.steps.origin + run.steps.t_local)
-    # A step that begins this part of a period before a cycle opens belongs to that cycle.
+    # By rounding, a step of a cycle may begin a little before it.
     opening = jnp.where(run.repeats, run.steps.origin[run.period], course.begin) - 1e-9 * period
     cycles = jnp.where(run.repeats, 1, course.span)
     real = jnp.arange(begins.shape[0]) < run.count
@@ -266,23 +253,22 @@ def steps_within(course: Course) -> tuple[Bool[Array, " room"], Count]:
 
 
 class Numbered(AbstractCycle):
-    """Cycle `number`; the flank of the next one tells its slip."""
+    """Cycle `number`; its back-slip is measured on the slow flank of the next one."""
 
     number: int = eqx.field(static=True, default=4)
 
     @property
-    def described(self) -> int | str:
+    def label(self) -> int | str:
         return self.number
 
     @property
     def accuracy(self) -> Accuracy:
-        """Fine enough to agree with single runs to 1e-4 um."""
+        """Agrees with single runs to 1e-4 um."""
         return Accuracy(tolerance=3e-11, method=SIDE_BY_SIDE)
 
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         when = timing(system.drive)
-        begin = (self.number - 1) * when.period
-        times = jnp.concatenate([begin + when.phases, self.number * when.period + when.phases])
+        times = jnp.concatenate([cycle * when.period + when.phases for cycle in (self.number - 1, self.number)])
         state, _, _, failure = integrate_to_times(system, times, accuracy)
         measured = cycles_at(when, effector_at(system, state).reshape(2, -1))
         return jnp.stack([getattr(measured, name)[0] for name in METRICS]), failure
@@ -298,27 +284,26 @@ class Numbered(AbstractCycle):
 
 
 TOLERANCE = 2e-11
-"""How far [m] a cycle may be from its limit."""
+"""Largest distance [m] of a steady cycle from its limit."""
 
 _CYCLES = 24
-"""Integrated side by side; what has not become steady then waits for Newton's method."""
+"""Cycles integrated side by side; a motion that is not steady then is left to Newton's method."""
 
-
-_OWN = {
+_STEADY_METRICS = {
     "cycles_to_repeat": Metric("1", "cycles until the motion repeats; 0: it does not"),
     "decay": Metric("1", "what is left of a deviation after a cycle"),
 }
 
 
 class Steady(AbstractCycle):
-    """The steady cycle; where the motion repeats after 2 or 3 cycles only, the mean of them."""
+    """The steady cycle; where the motion repeats after 2 or 3 cycles, their mean."""
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        return METRICS | _OWN
+        return METRICS | _STEADY_METRICS
 
     @property
-    def described(self) -> int | str:
+    def label(self) -> int | str:
         return "steady"
 
     @property
@@ -329,17 +314,17 @@ class Steady(AbstractCycle):
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         when = timing(system.drive)
         cycles = integrate_cycles(system, when.period, when.phases, accuracy, TOLERANCE, _CYCLES)
-        return _mean_metrics(system, cycles, cycles.period, _ratio(cycles)), cycles.failure
+        return _mean_metrics(system, cycles, cycles.period, _decay(cycles)), cycles.failure
 
     def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
-        """The points that did not repeat; others that are not finite failed."""
+        """Whether a point's motion does not repeat yet; points that are not finite failed."""
         return np.isfinite(found[:, 0]) & (found[:, list(self.metrics).index("cycles_to_repeat")] == 0)
 
-    def patient(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
+    def measure_patiently(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         when, opening = timing(system.drive), _orbit(system, accuracy)
-        # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
+        # From the orbit on the motion repeats at once; without an orbit these cycles follow those integrated so far.
         cycles = integrate_cycles(restarted(system, opening.x), when.period, when.phases, accuracy, 0.0, PERIODS + 1)
-        decay = jnp.where(jnp.isfinite(opening.multiplier), opening.multiplier, _ratio(cycles))
+        decay = jnp.where(jnp.isfinite(opening.multiplier), opening.multiplier, _decay(cycles))
         measured = _mean_metrics(system, cycles, opening.repeats, decay)
         failure = jnp.where(cycles.failure > 0, cycles.failure, opening.failure)
         return measured, jnp.where((failure == 0) & (opening.grazing < GRAZES), GRAZING, failure)
@@ -354,53 +339,49 @@ class Steady(AbstractCycle):
         failure = jnp.where(opening.failure > 0, opening.failure, run.failure)
         return Course(system, again, run, jnp.zeros(()), span, PERIODS, failure)
 
-    def moved_opening(
+    def opening_derivatives(
         self,
         system: StickSlip,
         opening: Opening,
         monodromy: Float[Array, "components components"],
         driven: Float[Array, "components by"],
     ) -> Float[Array, "components by"]:
-        """(I - M)^-1 dP/dp, without what nothing depends on; NaN where Newton's method found no orbit."""
-        moved = moved_orbit(system, monodromy, driven)
-        return jnp.where(jnp.isfinite(opening.multiplier), moved, jnp.nan)
+        """(I - M)^-1 dP/dp, without components that nothing depends on; NaN where Newton's method found no orbit."""
+        return jnp.where(jnp.isfinite(opening.multiplier), moved_orbit(system, monodromy, driven), jnp.nan)
 
 
 def _orbit(system: StickSlip, accuracy: Accuracy) -> Opening:
-    """The opening of the steady motion; of the last cycle that was integrated where it does not repeat."""
+    """The opening of the steady motion, or of the last cycle integrated where the motion does not repeat."""
     period = timing(system.drive).period
     found = steady_state(system, period, accuracy, 0.1 * TOLERANCE, partial(grazing, system))
     return Opening(found.x, found.period, found.multipliers[0], found.grazing, found.failure)
 
 
 def _mean_metrics(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -> Float[Array, " metrics"]:
-    """The metrics, in the mean over the cycles until the motion repeats, or over the last where it does not."""
+    """The metrics, in the mean over the cycles until the motion repeats, or over all cycles where it does not."""
     when = timing(system.drive)
     effector = jax.vmap(lambda x: effector_at(system, x))(cycles.x)
     last = effector.shape[0]
     span = jnp.where(period > 0, period, last - 1)
     counts = jnp.arange(last - 1) >= last - 1 - span
     mean = lambda values: jnp.sum(jnp.where(counts, values, 0.0)) / span
-    # What a steady cycle shifts is the same at every phase; flanks that still ring would tell it less well.
+    # The net step of a steady cycle is the same at every phase; a fit of flanks that still ring is less accurate.
     net = (effector[-1, 0] - effector[last - 1 - span, 0]) / span
     stroke = mean(cycles_at(when, effector).stroke)
     found = _metrics_of(net, stroke, when.frequency) | {"cycles_to_repeat": period * 1.0, "decay": decay}
-    return jnp.stack([found[name] for name in METRICS | _OWN])
+    return jnp.stack([found[name] for name in METRICS | _STEADY_METRICS])
 
 
-def _ratio(cycles: Cycles) -> Scalar:
+def _decay(cycles: Cycles) -> Scalar:
     """Factor by which a deviation shrinks over a cycle; 0 where two cycles are equal."""
     return jnp.where(jnp.isfinite(cycles.ratio), cycles.ratio, 0.0)
 
 
 def measured_cycle(cycles: int | str) -> AbstractCycle:
-    """The cycle that `sweep(cycles=...)` asks for: a number, or "steady".
-
-    **Raises:** `InputError` for anything else.
-    """
+    """The cycle that `sweep(cycles=...)` asks for: a number, or "steady"; **raises** `InputError` for anything else."""
     if cycles == "steady":
         return Steady()
-    # An integer of NumPy is one, too.
+    # Integers of NumPy are legal, too.
     if isinstance(cycles, bool | str) or not isinstance(cycles, Integral) or not 1 <= int(cycles) <= MOST_DRAWN:
         raise InputError(f'sweep: found cycles = {cycles!r:.80}, expected a number of at least 1, or "steady".')
     return Numbered(int(cycles))

@@ -1,8 +1,7 @@
 """The coordinates of a sweep's dataset, its plots, and bands about its metrics.
 
-Bands tell how well its metrics are known, given what is known of the parameters.  From draws: mean, standard deviation
-and quantiles.  From sigma points: to first order, with a flag where the metric bends or breaks within the uncertainty,
-so that first order does not do (`SigmaPoints`).
+Bands carry the uncertainty of the parameters over to the metrics.  From draws: mean, standard deviation and quantiles.
+From sigma points (`SigmaPoints`): to first order, with a flag where the metric is too nonlinear for that.
 """
 
 from collections.abc import Mapping
@@ -52,15 +51,15 @@ def register_plot() -> None:
 
 
 COVERED = 0.95
-"""Part of the draws, or of a normal distribution, that lies in a band."""
+"""Probability of a band."""
 
 NORMAL = 1.959964
-"""Half the width of the band of a normal distribution, in standard deviations."""
+"""Half-width of the band of a normal distribution, in standard deviations."""
 
 MOST_CURVATURE = 0.04
-"""Largest share of the variance that first order may miss where it is said to hold."""
+"""Largest share of the variance that first order may miss where it counts as valid."""
 
-_KINDS = {
+_BAND_NAMES = {
     "": "",
     "sd": "standard deviation of",
     "low": "lower end of the 95 % band of",
@@ -72,30 +71,27 @@ _KINDS = {
 def with_bands(data: "xarray.Dataset") -> "xarray.Dataset":
     """`data` of a sweep over draws or sigma points without that dimension: each metric with its band.
 
-      **Arguments:** `data` has the dimension "draw" of `CovarianceDraws` or "sigma_point" of `SigmaPoints`.
+    **Arguments:** `data` has the dimension "draw" of `CovarianceDraws` or "sigma_point" of `SigmaPoints`.
 
-      **Returns:** for every metric its value (the mean of the draws, or that at the estimate), `METRIC_sd`,
-      `METRIC_low` and `METRIC_high`; `failure`, of a point that failed; and to first order
-      `METRIC_straight`, 1 where that holds.  A draw that failed is left out; a sigma point that failed leaves no
-    band.
+    **Returns:** for every metric its value (the mean of the draws, or that at the estimate), `METRIC_sd`, `METRIC_low`
+    and `METRIC_high`; `failure`, of a point that failed; and to first order `METRIC_straight`, 1 where that holds.  A
+    draw that failed is left out; a sigma point that failed leaves no band.
 
-      **Raises:** `ValueError` for a dataset with neither dimension.
+    **Raises:** `ValueError` for a dataset with neither dimension.
     """
     dimension = next((name for name in ("draw", "sigma_point") if name in data.dims), None)
     if dimension is None:
         raise ValueError(f"Expected a sweep over draws or sigma points, but its dimensions are {tuple(data.dims)}.")
-    bands = _bands_of_draws if dimension == "draw" else _of_sigma_points
-    along = [name for name in data.coords if dimension in data[name].dims]
-    kept = data.drop_vars(along)
+    bands = _bands_of_draws if dimension == "draw" else _bands_of_sigma_points
+    kept = data.drop_vars([name for name in data.coords if dimension in data[name].dims])
     found = kept.drop_vars(list(kept.data_vars))
-    # A point with a reversal that grazes has its metrics: what failed says more.
+    # A point with a reversal that grazes has its metrics, so that any other failure counts more.
     failed = kept.failure.where(kept.failure != GRAZING, 0).max(dimension, keep_attrs=True)
     found["failure"] = failed.where(failed > 0, kept.failure.max(dimension))
     for name in [str(name) for name in kept.data_vars if name != "failure"]:
-        attributes = kept[name].attrs
         for kind, values in bands(kept[name], dimension).items():
-            unit = "1" if kind == "straight" else attributes["units"]
-            long_name = f"{_KINDS[kind]} {attributes['long_name']}".strip()
+            unit = "1" if kind == "straight" else kept[name].attrs["units"]
+            long_name = f"{_BAND_NAMES[kind]} {kept[name].attrs['long_name']}".strip()
             found[f"{name}_{kind}".strip("_")] = values.assign_attrs(units=unit, long_name=long_name)
     return found.assign_attrs(bands="draws" if dimension == "draw" else "first order")
 
@@ -107,7 +103,7 @@ def _bands_of_draws(values: "xarray.DataArray", dimension: str) -> dict[str, "xa
     return {"": mean, "sd": sd, "low": ends.isel(quantile=0), "high": ends.isel(quantile=1)}
 
 
-def _of_sigma_points(values: "xarray.DataArray", dimension: str) -> dict[str, "xarray.DataArray"]:
+def _bands_of_sigma_points(values: "xarray.DataArray", dimension: str) -> dict[str, "xarray.DataArray"]:
     # In the order of `SigmaPoints`: the estimate, then pairs, on each axis first, and then in random directions.
     middle = values.isel({dimension: 0}, drop=True)
     up = values.isel({dimension: slice(1, None, 2)})
@@ -115,7 +111,7 @@ def _of_sigma_points(values: "xarray.DataArray", dimension: str) -> dict[str, "x
     axes, directions = slice(None, up.sizes[dimension] // 2), slice(up.sizes[dimension] // 2, None)
     odd, even = (up - down) / 2.0, (up + down) / 2.0 - middle
     variance = ((odd.isel({dimension: axes}) / AXIS_STEP) ** 2).sum(dimension, skipna=False)
-    # Apart, since one may hide the other: what bends both ways is missed by both.
+    # Apart, since the odd and the even part may compensate each other.
     linear, curved = ((part.isel({dimension: directions}) ** 2).mean(dimension, skipna=False) for part in (odd, even))
     straight = (abs(linear - variance) + curved <= MOST_CURVATURE * variance).astype(float)
     sd = variance**0.5
@@ -125,18 +121,18 @@ def _of_sigma_points(values: "xarray.DataArray", dimension: str) -> dict[str, "x
 ALONG = "drive_direction"
 """The dimension of the directions in a sweep's dataset."""
 
-COMPARED = ("speed", "net_step", "efficiency", "stroke", "back_slip")
+_COMPARED = ("speed", "net_step", "efficiency", "stroke", "back_slip")
 
 
 def compared_directions(data: "xarray.Dataset") -> "xarray.Dataset":
-    """What the directions of a sweep with both differ by, without their dimension.
+    """The differences between the two directions of a sweep, without their dimension.
 
-    **Returns:** for every metric `METRIC_difference`, how much more forward has of it than backward, in the metric's
-    unit, each counted along its drive: below zero is the wrong way.  `asymmetry` is the speeds' difference by the mean
-    of their magnitudes: 0 where both are alike, 2 where backward does not move along its drive at all, -2 where
-    forward does not; NaN where neither moves.
+    **Returns:** for every metric `METRIC_difference`, forward less backward in the metric's unit, each counted along
+    its drive: below zero is the wrong way.  `asymmetry` is the difference of the speeds over the mean of their
+    magnitudes: 0 where both are equal, 2 where backward does not move along its drive, -2 where forward does not; NaN
+    where neither moves.
 
-    **Raises:** `InputError` for a dataset that has not both directions.
+    **Raises:** `InputError` for a dataset without both directions.
     """
     if data.sizes.get(ALONG) != 2:
         raise InputError("sweep: found no two directions to compare, expected an axis drive.direction with both.")
@@ -144,13 +140,11 @@ def compared_directions(data: "xarray.Dataset") -> "xarray.Dataset":
     # The efficiency counts along the drive already.
     along = lambda name: backward[name] if name == "efficiency" else -backward[name]
     found = forward.drop_vars(list(forward.data_vars))
-    for name in COMPARED:
-        attributes = data[name].attrs
-        difference = forward[name] - along(name)
-        long_name = f"forward less backward: {attributes['long_name']}"
-        found[f"{name}_difference"] = difference.assign_attrs(units=attributes["units"], long_name=long_name)
-    ahead, back = forward["speed"], along("speed")
-    mean = 0.5 * (abs(ahead) + abs(back))
+    for name in _COMPARED:
+        long_name = f"forward less backward: {data[name].attrs['long_name']}"
+        attributes = {"units": data[name].attrs["units"], "long_name": long_name}
+        found[f"{name}_difference"] = (forward[name] - along(name)).assign_attrs(attributes)
+    mean = 0.5 * (abs(forward["speed"]) + abs(along("speed")))
     long_name = "speed forward less backward, by the mean of their magnitudes"
-    found["asymmetry"] = ((ahead - back) / mean.where(mean > 0)).assign_attrs(units="1", long_name=long_name)
+    found["asymmetry"] = (found["speed_difference"] / mean.where(mean > 0)).assign_attrs(units="1", long_name=long_name)
     return found

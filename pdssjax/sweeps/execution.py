@@ -1,8 +1,7 @@
 """Runs the blocks of a sweep: on threads, on any executor of `concurrent.futures`, or on a Dask cluster.
 
-What is sent to an executor is plain data: the job as text, a block's number and its points.  A process that has not
-seen the job builds it from the text and keeps it, compiled.  The text also tells sweeps apart: two of one text and of
-the same points find the same numbers.
+An executor gets plain data: the job as text, and the points of a block.  A process builds the job from the text once
+and keeps the compiled function.  The text also identifies a sweep: the same text and points give the same numbers.
 
 The settings of a cluster, TLS among them, are those of Dask (`DASK_DISTRIBUTED__COMM__TLS__...`, or its configuration
 files).
@@ -41,7 +40,7 @@ FORMAT = "pdssjax-sweep/1"
 
 
 def package_version() -> str:
-    """The version of pdssjax that is installed; empty where it only lies on the path."""
+    """The installed version of pdssjax; "" where pdssjax is only on the path."""
     try:
         return importlib.metadata.version("pdssjax")
     except importlib.metadata.PackageNotFoundError:
@@ -56,23 +55,23 @@ def job_document(function: PointFunction) -> Document:
     steps = {f.name: getattr(accuracy, f.name) for f in dataclasses.fields(accuracy) if f.name != "method"}
     steps = {name: float(n) if isinstance(n, float) else int(n) for name, n in steps.items()}
     numbers = {field: float(getattr(drive, field)) for field in [*quantities(type(drive)), *choices(type(drive))]}
-    # Left out where nothing is asked for, so that stores from before there was anything to ask are those of this sweep.
-    asked = {"further": list(function.further), "derivatives": list(function.by)}
-    return {name: list(of) for name, of in asked.items() if of} | {
+    # Left out where empty, so that the stores of versions without them can be resumed.
+    optional = {"further": list(function.further), "derivatives": list(function.by)}
+    return {key: names for key, names in optional.items() if names} | {
         "format": FORMAT,
         "pdssjax": package_version(),
         "actuator": models.chosen | {"parts": sorted(models.parts)},
         "drive": {"waveform": member_name(type(drive)), **numbers},
         "parameters": {path: float(number) for path, number in function.numbers.items()},
         "paths": list(function.paths),
-        "cycles": function.cycle.described,
+        "cycles": function.cycle.label,
         "accuracy": steps | {"method": described},
         "metrics": list(function.columns),
     }
 
 
 def point_function(document: Document) -> PointFunction:
-    """The function that `document` describes: the inverse of `job_document`."""
+    """The inverse of `job_document`."""
     actuator, drive, accuracy = document["actuator"], dict(document["drive"]), dict(document["accuracy"])
     models = Models(
         member("piezo", actuator["piezo"]),
@@ -96,40 +95,46 @@ def point_function(document: Document) -> PointFunction:
     )
 
 
+def first_line(error: BaseException) -> str:
+    """The first line of an error's message, or its type where it has none."""
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)
+
+
 def job_text(document: Document) -> str:
     """A `document` as text, the same for the same content."""
     return json.dumps(document, sort_keys=True)
 
 
-def check_travels(document: Document) -> None:
-    """**Raises** `InputError` for what another process could not build again from `document`."""
-    if document["accuracy"]["method"]["name"] != "taylor":
-        found = document["accuracy"]["method"]["name"]
-        raise InputError(f'sweep: found the step method "{found}" with an executor, expected a Taylor series.')
-    named = {"piezo": document["actuator"]["piezo"], "friction": document["actuator"]["friction"]}
-    for family, name in (named | {"drive": document["drive"]["waveform"]}).items():
+def check_portable(document: Document) -> None:
+    """**Raises** `InputError` where another process could not build the job again from `document`."""
+    method = document["accuracy"]["method"]["name"]
+    if method != "taylor":
+        raise InputError(f'sweep: found the step method "{method}" with an executor, expected a Taylor series.')
+    actuator = document["actuator"]
+    named = {"piezo": actuator["piezo"], "friction": actuator["friction"], "drive": document["drive"]["waveform"]}
+    for family, name in named.items():
         if name.partition(":")[0] not in members(family):
             raise InputError(
                 f'sweep: found the {family} "{name}" with an executor, which pdssjax does not have; expected one of '
-                f"{', '.join(members(family))}: other processes know no others."
+                f"{', '.join(members(family))}, which other processes can import."
             )
 
 
 def differences(document: Document, other: Document, at: str = "") -> list[str]:
-    """What differs from the `document` in the other one, such as "parameters.friction.f_ss_a: 0.8, not 0.7"."""
-    found: list[str] = []
+    """Lines such as "parameters.friction.f_ss_a: 0.8, not 0.7", with the number of the other document first."""
+    lines: list[str] = []
     for key in sorted({*document, *other}):
-        here, there = document.get(key), other.get(key)
+        value, other_value = document.get(key), other.get(key)
         name = f"{at}.{key}".lstrip(".")
-        if isinstance(here, dict) and isinstance(there, dict):
-            found += differences(here, there, name)
-        elif here != there:
-            found.append(f"{name}: {_value_text(there)}, not {_value_text(here)}")
-    return found
+        if isinstance(value, dict) and isinstance(other_value, dict):
+            lines += differences(value, other_value, name)
+        elif value != other_value:
+            lines.append(f"{name}: {_value_text(other_value)}, not {_value_text(value)}")
+    return lines
 
 
 def _value_text(value: object) -> str:
-    return "none" if value is None else f"{value!r}" if isinstance(value, float) else str(value)
+    return "none" if value is None else str(value)
 
 
 Block: TypeAlias = Float[np.ndarray, "lanes columns"]
@@ -145,22 +150,22 @@ def run_blocks(
     workers: int | None,
     in_flight: int | None,
 ) -> Generator[tuple[int, Callable[[], Block]], None, None]:
-    """Compute the blocks `numbers` of the `plan`; yield each as it is done, with a call for its results.
+    """Compute the blocks `numbers` of the `plan`; yield each number as its block is done, with a function.
 
-    The call raises what its block raised.  At most `in_flight` blocks are with the executor at a time, by default
-    twice as many as it has workers.
+    The function returns the results of the block or raises its error.  At most `in_flight` blocks are with the executor
+    at a time, by default twice as many as it has workers.
     """
     if executor is None:
         yield from _on_threads(function, plan, iter(numbers), workers or default_workers(), in_flight)
         return
-    check_travels(document)
+    check_portable(document)
     text = job_text(document)
 
     def submit(number: int) -> Future[Block]:
         try:
             return executor.submit(run_block, text, plan.block(number))
         except Exception as error:
-            # Each executor has its way to say that it takes no more: a scheduler that went away, a pool that broke.
+            # Executors raise errors of many types when they take no more, such as that of a scheduler that went away.
             raise BrokenExecutor(str(error)) from error
 
     def result(number: int, future: Future[Block]) -> Block:
@@ -169,9 +174,9 @@ def run_blocks(
         except CancelledError as error:
             raise BrokenExecutor(f"block {number} was cancelled") from error
 
-    most = getattr(executor, "_max_workers", None)
-    room = in_flight or (2 * most if isinstance(most, int) else 64)
-    with contextlib.closing(_completed(submit, iter(numbers), room)) as done:
+    known_workers = getattr(executor, "_max_workers", None)
+    in_flight = in_flight or (2 * known_workers if isinstance(known_workers, int) else 64)
+    with contextlib.closing(_completed(submit, iter(numbers), in_flight)) as done:
         for number, future in done:
             yield number, functools.partial(result, number, future)
 
@@ -201,15 +206,15 @@ def _on_threads(
     pool = ThreadPoolExecutor(workers)
     submit = lambda number: pool.submit(compute_block, function, plan.block(number))
     try:
-        # The first block alone: it compiles what the others share.  In a thread, too, since no signal is heard in one
-        # that compiles, which may take minutes.
+        # The first block alone, since it compiles the function for all.  In a thread as well: compiling may take
+        # minutes, in which its thread handles no signal.
         for first in itertools.islice(numbers, 1):
             yield first, submit(first).result
         with contextlib.closing(_completed(submit, numbers, in_flight or 2 * workers)) as done:
             for number, future in done:
                 yield number, future.result
     finally:
-        # Whoever breaks off does not wait for it.
+        # An interrupted sweep does not wait for its blocks.
         pool.shutdown(wait=False, cancel_futures=True)
 
 
@@ -224,7 +229,7 @@ def _completed(
                 waiting[submit(number)] = number
             if not waiting:
                 return
-            # In order: one that breaks the sweep off must not come before one that was computed earlier.
+            # In order: a block that fails must not come before one that was computed earlier.
             for future in sorted(wait(waiting, return_when=FIRST_COMPLETED).done, key=waiting.__getitem__):
                 yield waiting.pop(future), future
     finally:
@@ -232,8 +237,8 @@ def _completed(
             future.cancel()
 
 
-_PATIENCE = 10.0
-"""How long a scheduler may take to answer [s]."""
+_SCHEDULER_TIMEOUT = 10.0
+"""Longest wait for the answer of a scheduler [s]."""
 
 
 @contextlib.contextmanager
@@ -250,24 +255,24 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
             "option --scheduler: found no distributed, expected it installed: \"pip install 'pdssjax[cluster]'\"."
         ) from None
     try:
-        client = Client(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, TimeoutError, ValueError, TypeError) as error:
-        told = str(error).strip().splitlines()[:1] or [type(error).__name__]
+        client = Client(address, timeout=_SCHEDULER_TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        reason = first_line(error)
         raise InputError(
-            f"scheduler {address}: found none that answers ({told[0]}), expected a Dask scheduler."
+            f"scheduler {address}: found none that answers ({reason}), expected a Dask scheduler."
         ) from None
     with contextlib.closing(client):
         # `distributed` types these answers of each worker as if they were awaited.
         threads = sum(cast(dict[str, int], client.nthreads()).values())
         if not threads:
             raise InputError(f"scheduler {address}: found no workers, expected at least one.")
-        here = package_version()
+        own_version = package_version()
         versions = cast(Any, client.run(importlib.metadata.version, "pdssjax", on_error="return"))
         for worker, version in versions.items():
-            if version != here:
-                told = f"pdssjax {version}" if isinstance(version, str) else "no pdssjax"
+            if version != own_version:
+                found = f"pdssjax {version}" if isinstance(version, str) else "no pdssjax"
                 raise InputError(
-                    f"scheduler {address}: worker {worker}: found {told}, expected pdssjax {here} as here."
+                    f"scheduler {address}: worker {worker}: found {found}, expected pdssjax {own_version} as here."
                 )
         # A block is the same wherever and however often it is computed: a worker that dies is replaced.
         yield client.get_executor(pure=False, retries=2), threads

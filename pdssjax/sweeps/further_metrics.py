@@ -1,13 +1,12 @@
-"""What a sweep can tell of a point besides the motion of a cycle: each is asked for by its name.
+"""The further metrics of a point in a sweep, computed where a user asks for them by name.
 
 They need every step of the cycle, not only its state at a few phases, and take several times as long as the metrics
 that every sweep has.
 
 The peak of the friction force: within a step the force is smooth.  It is sampled there, and the highest of the samples'
 peaks are refined to the root of the force's rate, or to an end of the step.  At a peak between events the rate is zero,
-so that the peak changes as the force at a fixed time does.  At an event or a corner it changes with the time of that,
-too: where a step begins and ends has that derivative already, so the force is looked at a fixed part of the way between
-the two.
+so the derivative of the peak is that of the force at a fixed time.  At an event or a corner the peak moves with it.
+The begin and the end of a step carry that derivative, so the force is taken at a fixed fraction between them.
 """
 
 from typing import cast
@@ -39,20 +38,18 @@ COUNTED = {
 """Further metrics without derivatives."""
 
 FURTHER = SMOOTH | COUNTED
-"""By name, all that can be asked for."""
+"""All further metrics, by name."""
 
-_LINE = 6
-"""Samples of the plateau of the output force."""
-
-_PLATEAU = (0.751, 0.949)
-"""Where they are on the slow flank; `pdssjax.metrics.force_metrics` takes those from 0.75 to 0.95 of it."""
+_PLATEAU = (0.751, 0.949, 6)
+"""First and last sample of the output force, as fractions of the slow flank, and their number;
+`pdssjax.metrics.force_metrics` takes samples from 0.75 to 0.95 of the flank."""
 
 
 def counted(course: Course, multiplier: Scalar, near: Scalar) -> dict[str, Scalar]:
-    """`COUNTED` of a course, of which the last two are known."""
+    """`COUNTED` of a course; the last two, `near` to grazing and `multiplier`, are given."""
     inside, cycles = steps_within(course)
     steps, period = course.run.steps, timing(course.system.drive).period
-    # While it is settled nothing is left but the steady creep of the platform.
+    # While the motion is settled, only the steady creep of the platform is left.
     settled = jnp.sum(jnp.where(inside & (steps.mode == SETTLED), steps.duration, 0.0))
     return {
         "reversals": jnp.sum(inside & turns(course.run)) / cycles,
@@ -63,7 +60,7 @@ def counted(course: Course, multiplier: Scalar, near: Scalar) -> dict[str, Scala
 
 
 def nearest_to_grazing(course: Course) -> Scalar:
-    """How near the nearest reversal of the cycle is to grazing, between 0 and 1."""
+    """The nearness to grazing of the nearest reversal of the cycle, between 0 and 1."""
     inside, _ = steps_within(course)
     return grazing(course.system, course.moving, course.run, inside)
 
@@ -71,14 +68,12 @@ def nearest_to_grazing(course: Course) -> Scalar:
 def output_force(blocked: Course) -> Scalar:
     """The force [N] on the stop at the end of the slow flank, of an actuator that runs against it; differentiable."""
     when = timing(blocked.system.drive)
-    sticks = when.period - when.fall
-    phases = when.fall + sticks * jnp.linspace(*_PLATEAU, _LINE)
-    pushed = jax.vmap(lambda x: jnp.asarray(blocked.system.shown_force(x), float))(
-        sampled_states(blocked, phases, blocked.most).x
-    )
+    phases = when.fall + (when.period - when.fall) * jnp.linspace(*_PLATEAU)
+    states = sampled_states(blocked, phases, blocked.most).x
+    forces = jax.vmap(lambda x: jnp.asarray(blocked.system.shown_force(x), float))(states)
     times = (jnp.arange(blocked.most)[:, None] * when.period + phases).ravel()
-    found = force_metrics(times, pushed, when.frequency, 0.0, blocked.most, when.fall)
-    return mean_over_cycles(blocked, found.output)
+    metrics = force_metrics(times, forces, when.frequency, 0.0, blocked.most, when.fall)
+    return mean_over_cycles(blocked, metrics.output)
 
 
 _PARTS = 8
@@ -94,13 +89,13 @@ _HALVINGS = 54
 def peak_friction(course: Course) -> Scalar:
     """The largest magnitude of the friction force [N] in a cycle.
 
-    Differentiable in all that the course is; where two peaks are equally high the derivative is that of one of them.
+    Differentiable in all leaves of the course; of two equally high peaks the derivative is that of one.
     """
     still = lax.stop_gradient(course)
     slope_at = jax.grad(lambda part, step: _friction_magnitude(still, step, part))
 
     def refined(step: Array, first: Scalar, last: Scalar) -> Scalar:
-        """The part of the way through the step at which the peak lies; an end of it where the force rises to there."""
+        """The fraction of the step at which the peak lies; an end of the interval where the force rises up to there."""
 
         def halved(_: int, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
             low, high = ends
@@ -119,7 +114,7 @@ def peak_friction(course: Course) -> Scalar:
 
 
 def _peak_intervals(course: Course) -> tuple[Array, Array, Array]:
-    """Steps of the highest samples that exceed their neighbours in the same step, and the parts where these are."""
+    """Steps of the highest local maxima of the samples, and the fractions of the step that bracket each maximum."""
     inside, _ = steps_within(course)
     parts = jnp.linspace(0.0, 1.0, _PARTS + 1)
     sampled = jax.vmap(lambda step: jax.vmap(lambda part: _friction_magnitude(course, step, part))(parts))
@@ -133,10 +128,10 @@ def _peak_intervals(course: Course) -> tuple[Array, Array, Array]:
 
 
 def _friction_magnitude(course: Course, step: Array, part: Scalar) -> Scalar:
-    """The magnitude of the friction force [N] `part` of the way through a step."""
+    """The magnitude of the friction force [N] at the fraction `part` of a step."""
     steps, following = (jax.tree.map(lambda column, i=i: column[i], course.run.steps) for i in (step, step + 1))
     moved = following.origin + following.t_local - steps.origin - steps.t_local
-    # In value the step's own length, free of the rounding of times; in derivative how the two ends move apart.
+    # The value is the step's own duration, free of the rounding of times; the derivative is that of the two times.
     moved = jnp.where(step + 1 < course.run.count, moved, steps.duration)
     elapsed = part * (steps.duration + moved - lax.stop_gradient(moved))
     x = jnp.polyval(steps.polynomials.T[::-1], elapsed)

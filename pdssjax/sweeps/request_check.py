@@ -16,7 +16,7 @@ from .further_metrics import FURTHER
 def driven_record(study: Study, name: str | None) -> Record:
     """The effector record `name`, by default the first one under a periodic drive.
 
-    Its drive's voltage is told by the peak, however the study tells it, unless the study lists "drive.voltage".
+    Its drive gives the voltage by the peak, however the study gives it, unless the study lists "drive.voltage".
 
     **Raises:** `InputError` where there is none.
     """
@@ -47,25 +47,23 @@ def drive_of(record: Record) -> AbstractDrive:
     return record.drive
 
 
-_SENSOR = (
-    "a sweep tells the motion itself, not what the sensor shows of it",
-    "a record that is seen through the sensor, as pdssjax simulate and study.predict show it",
+_SENSOR_UNUSED = (
+    "a sweep computes the motion itself, not the sensor's reading",
+    "the reading of a sensor, as pdssjax simulate and study.predict compute it",
 )
-"""Why the sensor's parameters change nothing in a sweep, and what they are for."""
-
-_STOP = "no metric asked for depends on a stop", 'the metric "output_force" (--metrics output_force)'
-"""Why the stop's parameters change nothing, and what would make them count."""
+_STOP_UNUSED = "no metric asked for depends on a stop", 'the metric "output_force" (--metrics output_force)'
+"""Why these parameters change nothing in a sweep, and what depends on them."""
 
 
 def sweepable(study: Study, base: Record) -> dict[str, Quantity]:
-    """The declared quantities that can be varied, by path: those of the drive of `base` and of the models."""
+    """The declared quantities that a sweep can vary, by path: those of the drive of `base` and of the models."""
     legal = {f"drive.{field}": q for field, q in drive_of(base).declared().items()}
     return legal | {path: q for path, q in study.legal().items() if not path.startswith("drive.")}
 
 
 def changes_a_sweep(path: str, study: Study, metrics: Sequence[str]) -> bool:
     """Whether the points of a sweep with these further `metrics` depend on `path`, of those that are `sweepable`."""
-    return not _why_unread(path, study, metrics)
+    return not _why_unused(path, study, metrics)
 
 
 def check_effects(study: Study, base: Record, paths: Sequence[str], metrics: Sequence[str]) -> None:
@@ -73,19 +71,19 @@ def check_effects(study: Study, base: Record, paths: Sequence[str], metrics: Seq
     words = sweepable_choices(base)
     check_whole_parts(paths, study.parameters, "sweep")
     for path in paths:
-        why = _why_unread(path, study, metrics)
-        if why:
-            read = [other for other in sweepable(study, base) if changes_a_sweep(other, study, metrics)]
-            raise without_effect("sweep", path, *why, [*read, *words])
+        reasons = _why_unused(path, study, metrics)
+        if reasons:
+            used = [other for other in sweepable(study, base) if changes_a_sweep(other, study, metrics)]
+            raise without_effect("sweep", path, *reasons, [*used, *words])
 
 
-def _why_unread(path: str, study: Study, metrics: Sequence[str]) -> tuple[str, str] | tuple[()]:
-    """Why a path changes no point, and what it needs to; nothing where it does."""
+def _why_unused(path: str, study: Study, metrics: Sequence[str]) -> tuple[str, str] | tuple[()]:
+    """Why a path changes no point, and what depends on it; empty where it changes points."""
     part = path.split(".")[0]
     if part == "sensor":
-        return _SENSOR
+        return _SENSOR_UNUSED
     if part == "stop" and "output_force" not in metrics:
-        return _STOP
+        return _STOP_UNUSED
     return MASS_UNUSED if path in unused_by(study.models) else ()
 
 
@@ -97,7 +95,7 @@ def sweepable_choices(base: Record) -> dict[str, dict[str, float]]:
 def check_axes(
     study: Study, base: Record, paths: Sequence[str], values: Float[np.ndarray, "points paths"]
 ) -> dict[str, Quantity]:
-    """What is declared of each path; a choice counts as a pure number.
+    """The declared quantity of each path; a choice counts as a pure number.
 
     **Raises:** `InputError` for an unknown path and for a number outside its legal range.
     """
@@ -121,25 +119,23 @@ def check_axes(
 def contradictions(
     drive: AbstractDrive, paths: Sequence[str], values: Float[np.ndarray, "points paths"], shared: Mapping[str, float]
 ) -> Bool[np.ndarray, " points"]:
-    """Whether the numbers of each point's drive contradict each other (a fall longer than the period), shape (points,).
+    """Whether the numbers of each point's drive contradict each other, such as a fall longer than the period.
 
-    A voltage of zero moves nothing, which is a point like any other.
+    A voltage of zero is legal here: the actuator does not move.
     """
-    fields = [path.removeprefix("drive.") for path in paths]
-    named = [i for i, path in enumerate(paths) if path.startswith("drive.") and fields[i] != "voltage"]
-    if not named or not len(values):
+    varied = [i for i, path in enumerate(paths) if path.startswith("drive.") and path != "drive.voltage"]
+    if not varied or not len(values):
         return np.zeros(len(values), bool)
-    held = {path.removeprefix("drive."): n for path, n in shared.items() if path.startswith("drive.")}
-    held = {field: number for field, number in held.items() if hasattr(drive, field)}
-    different, which = np.unique(values[:, named], axis=0, return_inverse=True)
-    drives = [
-        drive.with_numbers(held | dict(zip([fields[i] for i in named], row, strict=True))) for row in different.tolist()
-    ]
+    fields = [paths[i].removeprefix("drive.") for i in varied]
+    fixed = {path.removeprefix("drive."): n for path, n in shared.items() if path.startswith("drive.")}
+    fixed = {field: number for field, number in fixed.items() if hasattr(drive, field)}
+    different, which = np.unique(values[:, varied], axis=0, return_inverse=True)
+    drives = [drive.with_numbers(fixed | dict(zip(fields, row, strict=True))) for row in different.tolist()]
     return np.array([bool(set(made.broken_conditions()) - {"voltage"}) for made in drives])[which.ravel()]
 
 
 def check_metrics(metrics: Sequence[str], cycle: AbstractCycle, known: Sequence[str]) -> None:
-    """**Raises** `InputError` for further `metrics` that there are not, or that lack something.
+    """**Raises** `InputError` for further `metrics` that are unknown, or that lack what they need.
 
     **Arguments:** `known` are the paths that have a number at every point.
     """
@@ -150,22 +146,22 @@ def check_metrics(metrics: Sequence[str], cycle: AbstractCycle, known: Sequence[
             raise InputError(f'sweep: found the unknown metric "{name}"; {nearest(name, FURTHER)}')
     if "multiplier" in metrics and not isinstance(cycle, Steady):
         raise InputError(
-            f'sweep: found the metric "multiplier" of cycle {cycle.described}, expected cycles = "steady" with it.'
+            f'sweep: found the metric "multiplier" of cycle {cycle.label}, expected cycles = "steady" with it.'
         )
     if "output_force" in metrics and "stop.stiffness" not in known:
         raise InputError(
             'sweep: found the metric "output_force" without "stop.stiffness", expected a number for it among the '
-            "study's parameters or the axes: how stiff the force sensor is decides what it shows."
+            "study's parameters or the axes: the output force depends on the stiffness of the force sensor."
         )
 
 
-def numbers_by(paths: Sequence[str], study: Study, base: Record, known: Sequence[str]) -> dict[str, float]:
-    """The numbers [SI] of those `paths` of derivatives that only the record's drive has.
+def derivative_numbers(paths: Sequence[str], study: Study, base: Record, known: Sequence[str]) -> dict[str, float]:
+    """The numbers [SI] of those `paths` of derivatives that are in the record's drive alone.
 
-    **Raises:** `InputError` for a path that is unknown, named twice, has no number, or is a word such as a direction.
+    **Raises:** `InputError` for a path that is unknown, named twice, without a number, or a choice such as a direction.
     """
     legal, words = sweepable(study, base), sweepable_choices(base)
-    found = {}
+    numbers = {}
     for i, path in enumerate(paths):
         where = f'sweep: derivative by "{path}"'
         if path in words:
@@ -179,5 +175,5 @@ def numbers_by(paths: Sequence[str], study: Study, base: Record, known: Sequence
         number = getattr(drive_of(base), path.removeprefix("drive."), None) if path.startswith("drive.") else None
         if number is None:
             raise InputError(f"{where}: found no number for it, expected one among the study's parameters or the axes.")
-        found[path] = float(number)
-    return found
+        numbers[path] = float(number)
+    return numbers

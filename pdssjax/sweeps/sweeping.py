@@ -1,6 +1,6 @@
-"""Sweeps: how an actuator moves over many points, each its own drive quantities and parameters.
+"""Sweeps: the motion of an actuator at many points, each with its own drive quantities and parameters.
 
-A point that fails is NaN, and says why.  Memory stays that of a few blocks however many points there are.
+A point that fails is NaN and has the reason.  Memory stays that of a few blocks, for any number of points.
 """
 
 import contextlib
@@ -35,15 +35,23 @@ from .blocks import (
     BlockPlan,
     MemoryStore,
     check_memory,
-    lanes_here,
+    default_lanes,
     plan_blocks,
 )
 from .cycles import measured_cycle
 from .dataset import coordinates_of, register_plot
-from .execution import job_document, run_blocks
+from .execution import first_line, job_document, run_blocks
 from .point import PointFunction
 from .points import AbstractPoints, Grid
-from .request_check import check_axes, check_effects, check_metrics, contradictions, drive_of, driven_record, numbers_by
+from .request_check import (
+    check_axes,
+    check_effects,
+    check_metrics,
+    contradictions,
+    derivative_numbers,
+    drive_of,
+    driven_record,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -54,19 +62,19 @@ class PlannedSweep:
     """A sweep, checked and ready to run."""
 
     study: Study
-    """With the parameters that hold in the record."""
+    """The study with the parameters that hold in the record."""
     base: Record
     """The record whose drive is varied."""
     points: AbstractPoints
     declared: dict[str, Quantity]
-    """What is declared of each path."""
+    """The declared quantity of each path."""
     used: dict[str, UsedNumber]
     """The numbers that all points share."""
     function: PointFunction
     document: Document
     """The job as plain data."""
     plan: BlockPlan
-    """The points that are computed; those left out are skipped."""
+    """The points to compute; points that are not in it are skipped."""
 
 
 def plan_sweep(
@@ -79,28 +87,29 @@ def plan_sweep(
     metrics: Sequence[str] = (),
     derivatives: Sequence[str] = (),
 ) -> PlannedSweep:
-    """What `sweep` of the same does, without doing it; **raises** what it raises before any work."""
+    """Check the arguments of `sweep` and plan its work; **raises** the errors that `sweep` raises before any work."""
     check_kind("study", study, Study, "load_study")
     if not isinstance(over, AbstractPoints):
         check_kind("over", over, Mapping)
     points = over if isinstance(over, AbstractPoints) else Grid(over)
     base, cycle = driven_record(study, record), measured_cycle(cycles)
     if drive_of(base).flanks() is None:
-        lacks = "a cycle without a slow and a fast flank, which has no stroke, back-slip and efficiency: they are NaN"
-        warnings.warn(f'sweep: found the drive {drive_of(base)} in "{base.name}", {lacks}.', InputWarning, 3)
+        text = "a cycle without a slow and a fast flank: stroke, back-slip and efficiency are NaN"
+        warnings.warn(f'sweep: found the drive {drive_of(base)} in "{base.name}", {text}.', InputWarning, 3)
     study = study.for_record(base)
     check_memory(len(points), len(points.paths), len(cycle.metrics) + len(metrics))
     values = points.values()
     declared = check_axes(study, base, points.paths, values)
-    # What is known of a parameter makes bands, and of one without effect a band without width.
+    # A scattered parameter may be without effect: its band then has no width.
     check_effects(study, base, [path for path in points.paths if path not in points.scattered()], metrics)
     used = numbers_used(study, [*points.paths, *(f"drive.{field}" for field in base.overrides)])
-    numbers = {path: told["value"] for path, told in used.items()}
-    fine = accuracy or cycle.accuracy
-    if accuracy is None and study.solver != TAYLOR:
-        fine = dataclasses.replace(fine, method=study.accuracy.method)
+    numbers = {path: entry["value"] for path, entry in used.items()}
+    if accuracy is None:
+        accuracy = cycle.accuracy
+        if study.solver != TAYLOR:
+            accuracy = dataclasses.replace(accuracy, method=study.accuracy.method)
     check_metrics(metrics, cycle, [*points.paths, *numbers])
-    numbers |= numbers_by(derivatives, study, base, [*points.paths, *numbers])
+    numbers |= derivative_numbers(derivatives, study, base, [*points.paths, *numbers])
     check_effects(study, base, derivatives, metrics)
     function = PointFunction(
         study.models_with(points.paths),
@@ -108,12 +117,12 @@ def plan_sweep(
         points.paths,
         numbers,
         cycle,
-        fine,
+        accuracy,
         tuple(metrics),
         tuple(derivatives),
     )
     sound = np.flatnonzero(~contradictions(drive_of(base), points.paths, values, numbers))
-    plan = plan_blocks(points.paths, values[sound], lanes_here())
+    plan = plan_blocks(points.paths, values[sound], default_lanes())
     plan = dataclasses.replace(plan, order=sound[plan.order])
     return PlannedSweep(study, base, points, declared, used, function, job_document(function), plan)
 
@@ -135,28 +144,29 @@ def sweep(
 ) -> "xarray.Dataset":
     """Net step, speed, step efficiency, stroke and back-slip at many points.
 
-    **Arguments:** the study's parameters keep their values or starts; `study.with_values(estimate)`
-    takes those of an estimate.  `over` maps paths to the values [SI] of an axis, in the order of the axes,
-    for every combination of them: quantities of the drive ("drive.voltage", "drive.frequency", "drive.fall_time") and
-    parameters of the study's models ("friction.f_ss_a"), those of an amplifier that the study
-    lacks included; or it is a set of points from `pdssjax.sweeps`: `Grid`, `Listed`, `Sobol`, `LatinHypercube`,
-    `CovarianceDraws`, `GivenDraws`, `Crossed`.  `record` names the effector record whose drive is varied, the first one
-    by default; parameters that hold under its conditions do so at all points.  The last of `cycles` cycles is measured;
-    one more is run, whose flank tells the last slip.  With `cycles="steady"` it is the cycle that is left when the
-    transient has died out, and two more numbers say after how many cycles it repeats, and what is
-    left of a deviation after a cycle.  `metrics` names what is found besides, of `pdssjax.sweeps.FURTHER`;
-    `derivatives` names parameters and quantities of the drive by which all smooth metrics are derived
-    (`speed_by_piezo_gain`).  `progress(done, points)` is called after each block; in a notebook a bar shows
-    it if there is none.  All devices of the machine share a block of points.
-    `workers` is the number of threads, one a core by default.  An `executor` of `concurrent.futures` runs the blocks
-    in place of the threads, at most `in_flight` at a time; its processes must be spawned, since JAX does not outlive
-    a fork.  A `store` keeps what was found block by block and goes on where it stopped.
+    **Arguments:**
 
-    **Returns:** an `xarray.Dataset`, labelled with units, with one dimension an axis, or those of the set of points:
-    the metrics, and `failure`, 0 or an index into `pdssjax.sweeps.POINT_FAILURES`, whose sentences are in its
-    attribute `meanings`.  What was held has an attribute each, and the attribute `parameters`
-    (JSON) tells the study's parameters with value, unit and source; of those that are drawn the number about which
-    the draws scatter, with the standard error.
+    - `study`: its parameters keep their values or starts; `study.with_values(estimate)` takes those of an estimate.
+    - `over`: the values [SI] of each axis by path, in the order of the axes, for every combination of them.  A path is
+      a quantity of the drive ("drive.voltage", "drive.frequency", "drive.fall_time") or a parameter of the study's
+      models ("friction.f_ss_a"), or of an amplifier that the study lacks.  Or a set of points from `pdssjax.sweeps`:
+      `Grid`, `Listed`, `Sobol`, `LatinHypercube`, `CovarianceDraws`, `GivenDraws`, `Crossed`.
+    - `record`: the effector record whose drive is varied, the first by default; its conditions hold at all points.
+    - `cycles`: the last of these is measured; one more is run, for the last back-slip.  "steady" measures the cycle
+      after the transient, with the number of cycles until it repeats, and the decay of a deviation over a cycle.
+    - `accuracy`: of the integration, by default that of the cycle.
+    - `metrics`: names of further metrics, of `pdssjax.sweeps.FURTHER`.
+    - `derivatives`: paths by which all smooth metrics are differentiated, as `speed_by_piezo_gain`.
+    - `progress(done, points)`: called after each block; if left out, notebooks show a bar.
+    - `workers`: number of threads, one a core by default.  All devices of the machine share a block of points.
+    - `executor`: of `concurrent.futures`, runs the blocks in place of the threads, at most `in_flight` at a time.  Its
+      processes must be spawned, since JAX does not survive a fork.
+    - `store`: keeps the results block by block, and goes on where it stopped.
+
+    **Returns:** an `xarray.Dataset` with units, with one dimension an axis, or those of the set of points: the metrics,
+    and `failure`, 0 or an index into `pdssjax.sweeps.POINT_FAILURES`, whose sentences are in its attribute `meanings`.
+    Each number that all points share is an attribute.  The attribute `parameters` (JSON) has the study's parameters
+    with value, unit and source; of drawn ones the number about which the draws scatter, with the standard error.
 
     **Raises:** `InputError`, before any work, for an unknown path, or one that changes nothing, an illegal value, an
     empty axis, a study without an effector record under a drive with a frequency, a parameter that is no axis and
@@ -181,16 +191,15 @@ def sweep(
             with contextlib.closing(blocks):
                 _keep_blocks(planned, pending, blocks, store, progress)
         except BrokenExecutor as error:
-            told = next(iter(str(error).strip().splitlines()), type(error).__name__)
             raise InputError(
-                f"sweep: found an executor that gave up ({told}), expected workers that can import pdssjax and have "
-                "the memory, and a scheduler that stays; what was done is in the store, if there is one."
+                f"sweep: found an executor that gave up ({first_line(error)}), expected workers that can import "
+                "pdssjax and have the memory, and a scheduler that stays.  A store has the blocks that are done."
             ) from error
         rows = store.read()
-    found = np.full((len(planned.points), rows.shape[1]), np.nan)
-    found[:, -1] = SKIPPED
-    found[plan.order] = rows
-    return labelled(planned, found)
+    results = np.full((len(planned.points), rows.shape[1]), np.nan)
+    results[:, -1] = SKIPPED
+    results[plan.order] = rows
+    return labelled(planned, results)
 
 
 def _keep_blocks(
@@ -200,22 +209,22 @@ def _keep_blocks(
     store: AbstractBlockStore,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Let the `store` keep each of the `blocks` as it is computed; `pending` numbers all that will come."""
+    """Keep each of the `blocks` in the `store` as soon as it is computed; `pending` has the numbers of all of them."""
     plan, total = planned.plan, len(planned.points)
     size = lambda number: plan.place(number).stop - plan.place(number).start
     done, kept = total - sum(map(size, pending)), 0
-    for number, found in blocks:
+    for number, result in blocks:
         try:
-            rows = found()[: size(number)]
+            rows = result()[: size(number)]
         except (InputError, BrokenExecutor):
             raise
         except Exception as error:
-            # What fails at the first block would at every other one: it is no matter of the points.
+            # An error at the first block is not one of its points: the other blocks would fail as well.
             if not kept:
                 raise
             warnings.warn(
-                f"sweep: found that a block of {size(number)} points cannot be computed ({type(error).__name__}: "
-                f"{error}); its points have no value, and a sweep that is resumed tries them again.",
+                f"sweep: a block of {size(number)} points cannot be computed ({type(error).__name__}: {error}); its "
+                "points have no value, and a sweep that is resumed computes them again.",
                 InputWarning,
                 stacklevel=3,
             )
@@ -236,33 +245,33 @@ def labelled(planned: PlannedSweep, found: Float[np.ndarray, "points columns"]) 
     names, shape = list(points.dimensions()), tuple(points.dimensions().values())
     data = {}
     for i, (name, metric) in enumerate(function.columns.items()):
-        said = {"units": metric.unit, "long_name": metric.says} | ({"by": metric.by} if metric.by else {})
-        data[name] = (names, found[:, i].reshape(shape), said)
+        described = {"units": metric.unit, "long_name": metric.description} | ({"by": metric.by} if metric.by else {})
+        data[name] = (names, found[:, i].reshape(shape), described)
     meanings = "; ".join(f"{i}: {sentence or 'none'}" for i, sentence in enumerate(POINT_FAILURES))
     failure = found[:, -1].astype(np.int8).reshape(shape)
     data["failure"] = (names, failure, {"long_name": "why a point has no value", "meanings": meanings})
-    # The numbers about which the points scatter, as far as they are known, and how far.
+    # The numbers about which the points scatter, as far as they are known, with their standard errors.
     scattered: dict[str, UsedNumber] = {}
     for path, (about, error) in points.scattered().items():
-        listed = planned.study.parameters.get(path)
-        known = None if listed is None else listed.number
+        parameter = planned.study.parameters.get(path)
+        known = None if parameter is None else parameter.number
         number = known if about is None else about
         if number is not None:
-            source = listed.origin if listed is not None and number == known else "given"
+            source = parameter.origin if parameter is not None and number == known else "given"
             unit = planned.declared[path].unit
             scattered[path] = {"value": number, "unit": unit, "source": source, "standard_error": error}
     attributes = {
         "title": planned.study.title,
         "record": base.name,
-        "cycles": function.cycle.described,
+        "cycles": function.cycle.label,
         "drive": type(base.drive).__name__,
         "parameters": json.dumps({**planned.used, **scattered}),
     }
-    of_drive = {
+    drive_numbers = {
         f"drive.{field.name}": float(getattr(base.drive, field.name))
         for field in dataclasses.fields(drive_of(base))
         if f"drive.{field.name}" not in points.paths and isinstance(getattr(base.drive, field.name), float | int)
     }
-    # What the study says of its drives is what was run with, not the record's own defaults.
-    held = of_drive | {path: told["value"] for path, told in planned.used.items()}
-    return xarray.Dataset(data, coordinates_of(points, planned.declared), attributes | held)
+    # The study's numbers of its drives come last, since the sweep runs with them in place of the record's defaults.
+    shared = drive_numbers | {path: entry["value"] for path, entry in planned.used.items()}
+    return xarray.Dataset(data, coordinates_of(points, planned.declared), attributes | shared)

@@ -23,7 +23,7 @@ def run(work, during=lambda job: None):
     during(job)
     assert done.wait(10)
     job.join(10)
-    assert not job.runs
+    assert not job.is_running
     ((result, error),) = ends
     return lines, result, error
 
@@ -76,7 +76,7 @@ def test_all_jobs_end_where_the_page_does():
     job = BackgroundJob(work, lambda line: None, lambda result, error: errors.append(error))
     assert begun.wait(10)
     assert end_jobs(10)
-    assert not job.runs and isinstance(errors[0], KeyboardInterrupt)
+    assert not job.is_running and isinstance(errors[0], KeyboardInterrupt)
 
 
 DEAF = """
@@ -86,13 +86,13 @@ from pdssjax.cli import main
 from pdssjax.explore.widgets import server
 from pdssjax.explore.background_job import BackgroundJob
 
-begun, server.PATIENCE = threading.Event(), 0.1
+begun, server.END_TIMEOUT = threading.Event(), 0.1
 
 
 def serve(bench, port, show, said):
     BackgroundJob(lambda report: begun.set() or threading.Event().wait(), said, lambda *found: None)
     assert begun.wait(10)
-    return server.end_jobs(server.PATIENCE)
+    return server.end_jobs(server.END_TIMEOUT)
 
 
 page.serve = serve

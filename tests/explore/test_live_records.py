@@ -12,7 +12,7 @@ from walking_study import made_sweep, write_made_sweep, write_walking
 
 from pdssjax import InputError, load_study
 from pdssjax.explore import live_record
-from pdssjax.explore.live_record import LiveRecords, initial_stretch, instants_of, within
+from pdssjax.explore.live_record import LiveRecords, clipped_stretch, initial_stretch, instants_of
 from pdssjax.explore.settings import settings_of, study_at
 from pdssjax.explore.sweep_map import PointSimulation, is_grid, small_map, sweep_map, ticks_along, tiles_along
 from pdssjax.files import read_sweep
@@ -139,9 +139,9 @@ def test_the_stretch_enlarged_stays_within_the_record(study):
     walk = study.records[1]
     begin, end = initial_stretch(walk)
     assert walk.time[0] <= begin < end <= walk.time[-1]
-    assert within(walk, -1.0, -0.9) == pytest.approx((0.0, 0.1))
-    assert within(walk, 0.2, 0.3) == pytest.approx((walk.time[-1] - 0.1, walk.time[-1]))
-    assert within(walk, -5.0, 5.0) == (walk.time[0], walk.time[-1])
+    assert clipped_stretch(walk, -1.0, -0.9) == pytest.approx((0.0, 0.1))
+    assert clipped_stretch(walk, 0.2, 0.3) == pytest.approx((walk.time[-1] - 0.1, walk.time[-1]))
+    assert clipped_stretch(walk, -5.0, 5.0) == (walk.time[0], walk.time[-1])
 
 
 def test_a_point_walks_with_its_numbers(study):

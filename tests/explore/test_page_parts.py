@@ -34,7 +34,7 @@ class AtOnce:
 
     def start(self, *job):
         self.begun.append(job)
-        return SimpleNamespace(runs=False)
+        return SimpleNamespace(is_running=False)
 
 
 def marked(view, name):
@@ -110,7 +110,7 @@ def test_a_simulation_that_fails_says_why_below_the_sliders_until_a_number_is_ch
     record = bench.study.records[0]
     view = page.Page(bench, AtOnce()).view
     (headline,), (line,), (field,) = (marked(view, name) for name in ("headline", "said", "field-piezo-gain"))
-    failed = bench.records.redraw(record.name, bench.begun, instants_of(record, 0.0, 0.1))
+    failed = bench.records.redraw(record.name, bench.initial, instants_of(record, 0.0, 0.1))
     monkeypatch.setattr(
         bench.records, "redraw_at_once", lambda *given: failed._replace(message="the motion did not stay finite")
     )
@@ -141,7 +141,7 @@ class Working(AtOnce):
 
     def start(self, work, on_end, on_line=lambda line: None):
         on_end(work(on_line), None)
-        return SimpleNamespace(runs=False)
+        return SimpleNamespace(is_running=False)
 
 
 def test_a_fit_that_ends_moves_the_sliders_to_its_estimate(bench, monkeypatch):
@@ -162,7 +162,7 @@ def test_a_fit_is_cancelled_and_another_can_begin(bench):
 
     def start(work, on_end, on_line):
         ends.append(on_end)
-        return SimpleNamespace(runs=True, cancel=lambda: asked.append("cancel"))
+        return SimpleNamespace(is_running=True, cancel=lambda: asked.append("cancel"))
 
     thread.start = start
     view = page.Page(bench, thread).view

@@ -104,4 +104,4 @@ def test_the_jobs_of_a_page_that_is_closed_are_stopped(document, thread):
     thread.cancel_jobs()
     closed.set()
     job.join(10)
-    assert len(errors) == 1 and not job.runs
+    assert len(errors) == 1 and not job.is_running

@@ -15,7 +15,7 @@ from pdssjax.explore.settings import (
     settings_of,
     slider_range,
     study_at,
-    to_be_fitted,
+    study_to_fit,
 )
 
 TEXT = study_files.changed('"piezo.natural_frequency" = {}', '"piezo.natural_frequency" = { start = "1 kHz" }')
@@ -100,7 +100,7 @@ def test_a_slider_does_not_turn_what_was_measured_apart(tmp_path):
     study = load_study(study_files.write_study(tmp_path, apart))
     turned = settings_of(study).with_values({"effector.mass": 0.1, "piezo.gain": 1.2e-7})
     assert study_at(study, turned).values()["effector.mass"] == 0.1
-    there = to_be_fitted(study, turned).parameters
+    there = study_to_fit(study, turned).parameters
     assert there["effector.mass"].measured_apart == (0.086, 0.001)
     assert there["piezo.gain"].start == 1.2e-7
 

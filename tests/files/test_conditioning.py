@@ -52,7 +52,7 @@ REFUSED = {
     "conditioning = -1": "found -1 s, expected a time above 0",
     'conditioning = { cycles = 0, period = "0.1 s" }': "found 0, expected a number of cycles from 1 to 10000",
     'conditioning = { cycles = 3, period = "1 s" }': "found 1 s, expected a time that the samples hold",
-    'conditioning = { cycles = 3, period = "0.13 s" }': "expected a period of it",
+    'conditioning = { cycles = 3, period = "0.13 s" }': "expected a period of the voltage",
     'conditioning = { cycles = 3, periods = "0.1 s" }': 'found the unknown key "periods"',
 }
 

@@ -105,7 +105,7 @@ def test_lines_of_another_run_are_left_out(tmp_path):
 def test_a_head_that_is_not_what_was_written_is_refused(tmp_path):
     _, lines = run_of(tmp_path, {"seed": 0})
     (tmp_path / DRAWS).write_text("".join([lines[0].replace('"seed": 0', '"seed": 1'), *lines[1:]]))
-    with pytest.raises(InputError, match="line 1: found something else than its digest is of"):
+    with pytest.raises(InputError, match="line 1: found content that does not match its digest"):
         DrawsFile(tmp_path, resume=True)
 
 

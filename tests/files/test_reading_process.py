@@ -19,7 +19,7 @@ from pdssjax.files import channel_samples, list_channels, reading_process
 from pdssjax.files.channel_samples import open_file
 from pdssjax.files.draws_file import read_draws, write_draws
 from pdssjax.files.readers.base import AbstractReader, Block, Channel
-from pdssjax.files.reading_process import answers
+from pdssjax.files.reading_process import run_isolated
 
 HERE = Path(__file__)
 
@@ -50,7 +50,7 @@ def limited(monkeypatch):
 
 
 def test_pairs_come_one_by_one_from_one_process():
-    found = list(answers(numbered, HERE, 3, "printed")) + list(answers(numbered, HERE, 4))
+    found = list(run_isolated(numbered, HERE, 3, "printed")) + list(run_isolated(numbered, HERE, 4))
     assert [item[:2] for item, _ in found] == [[HERE.name, k] for k in (0, 1, 2, 0, 1, 2, 3)]
     assert len({item[2] for item, _ in found}) == 1 and found[0][0][2] != os.getpid()
     for (_, number, _), values in found:
@@ -58,24 +58,24 @@ def test_pairs_come_one_by_one_from_one_process():
 
 
 def test_answers_that_are_interleaved_or_given_up_are_not_mixed():
-    one, other = answers(numbered, HERE, 5), answers(numbered, HERE, 5)
+    one, other = run_isolated(numbered, HERE, 5), run_isolated(numbered, HERE, 5)
     numbers = [(a[0][1], b[0][1]) for a, b in zip(one, other, strict=True)]
     assert numbers == [(k, k) for k in range(5)]
     for seen, same in ((1, False), (5, True)):
-        given_up = answers(numbered, HERE, 5)
+        given_up = run_isolated(numbered, HERE, 5)
         *_, ((_, _, pid), _) = [next(given_up) for _ in range(seen)]
         given_up.close()
-        found = [item for item, _ in answers(numbered, HERE, 2)]
+        found = [item for item, _ in run_isolated(numbered, HERE, 2)]
         assert [number for _, number, _ in found] == [0, 1]
         assert (found[0][2] == pid) == same
 
 
 def test_a_process_that_was_ended_meanwhile_is_replaced():
-    ((_, _, pid), _), *_ = answers(numbered, HERE, 1)
+    ((_, _, pid), _), *_ = run_isolated(numbered, HERE, 1)
     (waiting,) = reading_process._idle[os.getpid()]
     waiting.kill()
     waiting.wait()
-    (((_, _, other), _),) = answers(numbered, HERE, 1)
+    (((_, _, other), _),) = run_isolated(numbered, HERE, 1)
     assert other != pid
 
 
@@ -94,9 +94,9 @@ def test_what_ends_it_is_said_and_the_next_question_is_answered(stop, kind, said
         limited(SECONDS=1, MEMORY=1 << 27)
     got = []
     with pytest.raises(kind, match=said) as caught:
-        got.extend(answers(numbered, HERE, 2, stop))
+        got.extend(run_isolated(numbered, HERE, 2, stop))
     assert len(got) == 2 and (type(caught.value) is kind)
-    assert len(list(answers(numbered, HERE, 3))) == 3
+    assert len(list(run_isolated(numbered, HERE, 3))) == 3
 
 
 def test_a_reader_s_own_places_come_through(monkeypatch):
@@ -113,7 +113,7 @@ def test_a_reader_s_own_places_come_through(monkeypatch):
 
     monkeypatch.setattr(channel_samples, "members", lambda family: ["text"])
     monkeypatch.setattr(channel_samples, "member", lambda family, name: Text)
-    monkeypatch.setattr(channel_samples, "answers", lambda function, *given: function(*given))
+    monkeypatch.setattr(channel_samples, "run_isolated", lambda function, *given: function(*given))
     monkeypatch.setattr(Text, "kind", "text")
     reader = open_file(HERE)
     (block,) = reader.blocks([1])
@@ -123,7 +123,7 @@ def test_a_reader_s_own_places_come_through(monkeypatch):
 
 def test_warnings_are_handed_on():
     with pytest.warns(InputWarning, match="the end is missing"):
-        assert len(list(answers(numbered, HERE, 1, "warned"))) == 1
+        assert len(list(run_isolated(numbered, HERE, 1, "warned"))) == 1
 
 
 def test_the_process_imports_little():
@@ -157,7 +157,7 @@ def test_the_format_that_the_other_process_reads_is_named(tmp_path):
     assert kind == "matlab" and time.name == "t"
 
 
-MORE = r"more than memory has room for, as a broken file may claim, expected (a MATLAB|an HDF5) file"
+MORE = r"more data than memory can hold, as a broken file may claim, expected (a MATLAB|an HDF5) file"
 
 
 def test_a_matlab_file_that_unpacks_to_more_than_it_may_is_refused(tmp_path, limited):

@@ -190,7 +190,7 @@ def test_a_command_killed_while_results_move_leaves_the_old_or_the_new_estimate_
 
         return counted
 
-    monkeypatch.setattr(results_folder, "_remove", stroke(results_folder._remove))
+    monkeypatch.setattr(results_folder, "remove", stroke(results_folder.remove))
     monkeypatch.setattr(Path, "replace", stroke(Path.replace))
     with contextlib.suppress(KeyboardInterrupt), results_folder.staging_folder(tmp_path, names) as staging:
         (staging / "estimate.json").write_text("new")

@@ -120,7 +120,7 @@ def test_an_extension_that_was_interrupted_leaves_the_sweep_as_it_was(tmp_path, 
 def test_a_sweep_begun_where_blocks_are_larger_goes_on_in_those(tmp_path, study, quick, monkeypatch):
     whole = pdssjax.sweep(study, OVER)
     with monkeypatch.context() as many:
-        many.setattr(sweeping, "lanes_here", lambda: 192)
+        many.setattr(sweeping, "default_lanes", lambda: 192)
         SweepStore(tmp_path / "s.zarr").open(*planned(study))
     quick.clear()
     resumed = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
@@ -199,7 +199,7 @@ def test_a_block_that_was_damaged_on_the_disk_is_computed_again(tmp_path, study,
     damage(tmp_path / "s.zarr")
     quick.clear()
     listed = "1, 2" if damage is exchange else "1" if blocks == 1 else "0, 1, 2, 3, 4, 5, 6"
-    with pytest.warns(InputWarning, match=rf"s\.zarr: of blocks? {listed} what was stored does not match its digest"):
+    with pytest.warns(InputWarning, match=rf"s\.zarr: blocks? {listed}: found results that do not match their digest"):
         resumed = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
     xarray.testing.assert_identical(resumed, whole)
     assert len(quick) == blocks
@@ -227,7 +227,7 @@ def test_what_is_damaged_after_it_was_computed_is_left_out_and_said(tmp_path, st
     for number in numbers:
         store.keep(number, found_at(plan.values[plan.place(number)]))
     flip_a_bit(tmp_path / "s.zarr")
-    with pytest.warns(InputWarning, match="of block 1 what was stored does not match its digest and is left out"):
+    with pytest.warns(InputWarning, match="block 1: found results that do not match their digest; they are left out"):
         rows = store.read()
     store.close()
     assert np.flatnonzero(rows[:, -1] == NOT_COMPUTED).tolist() == list(range(64, 128))

@@ -29,7 +29,7 @@ from pdssjax import InputError
 from pdssjax.files import DrawsFile, SweepStore, guess_file, read_covariance, starting_at_estimate, with_estimate
 from pdssjax.files.channel_samples import open_file
 from pdssjax.files.draws_file import DRAWS
-from pdssjax.sweeps import BlockPlan, blank
+from pdssjax.sweeps import BlockPlan, empty_results
 
 MEMORY = 2 << 30
 """Bytes that the mutants of a process may take beyond what it begins with."""
@@ -198,7 +198,7 @@ def of_sweeps(folder: Path) -> Callable[[random.Random], None]:
             rows = damaged_store.read()
         finally:
             damaged_store.close()
-        missing = np.all(np.isclose(rows, blank(1, rows.shape[1]), equal_nan=True), axis=1)
+        missing = np.all(np.isclose(rows, empty_results(1, rows.shape[1]), equal_nan=True), axis=1)
         assert np.array_equal(rows[~missing], found[~missing]), "a point has changed"
 
     return attempt

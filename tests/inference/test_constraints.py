@@ -122,7 +122,9 @@ def test_a_fixed_partner_bounds_the_other(tmp_path):
 
 
 def test_starts_that_break_it_are_moved_with_a_word(tmp_path):
-    with pytest.warns(InputWarning, match=r'study.toml: constraints: key "static": found starts beyond .*f_s at 0.3'):
+    with pytest.warns(
+        InputWarning, match=r'study.toml: constraints: key "static": found starts that break .*f_s at 0.3'
+    ):
         study = posed(tmp_path, f_s="start = 0.3")
     problem, start = pdssjax.pose_problem(study)
     begun = {path: float(number) for path, number in problem.decode(start).items()}

@@ -143,7 +143,7 @@ def test_what_is_done_is_taken_again_and_what_changed_is_fitted_anew(tmp_path, f
     assert set(fits) == {"coulomb", "dahl", "lugre"}
     fits.clear()
     (out / "candidates/dahl/candidate.npz").write_bytes(b"PK cut")
-    with pytest.warns(pdssjax.InputWarning, match="found no kept candidate"):
+    with pytest.warns(pdssjax.InputWarning, match="found no candidate that can be read"):
         compared(other, out=out, resume=True)
     assert set(fits) == {"dahl"}
 

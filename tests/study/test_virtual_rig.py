@@ -124,7 +124,7 @@ def test_a_plan_at_fault_is_refused_before_anything_is_simulated(tmp_path, capsy
 
 def test_a_record_that_is_not_made_yet_is_named_with_the_command_that_makes_it(tmp_path, capsys):
     assert main(["simulate", str(planned(tmp_path)), "--out", str(tmp_path / "out")]) == 2
-    assert "there is no such file, expected what `pdssjax record STUDY` makes" in capsys.readouterr().err
+    assert "there is no such file, expected the record that `pdssjax record STUDY` makes" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

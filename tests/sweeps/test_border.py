@@ -51,7 +51,7 @@ def test_where_there_is_no_border_there_is_none(study, dead):
     ("change", "essential"),
     [
         (dict(ends=(150.0, 8.0)), "expected the lower end first"),
-        (dict(tolerance=0.0), "expected both positive"),
+        (dict(tolerance=0.0), "expected above 0 and at least 2"),
         (dict(metric="speeds"), 'unknown metric "speeds"'),
         (dict(path="drive.volt"), "did you mean"),
     ],
@@ -117,7 +117,7 @@ def test_a_drive_without_flanks_is_warned_of_once(study, dead):
     moving = next(record for record in study.records if record.measurement.effector_free)
     triangle = dataclasses.replace(moving, drive=Triangle(60.0, 5.0), overrides={})
     study = dataclasses.replace(study, records=(triangle,))
-    with pytest.warns(InputWarning, match="which has no stroke, back-slip and efficiency") as said:
+    with pytest.warns(InputWarning, match="stroke, back-slip and efficiency are NaN") as said:
         find_border(study, "drive.voltage", (8.0, 150.0), {}, tolerance=1.0, metric="net_step", level=1e-8)
     assert len(said) == 1 and len(dead) > 3
 

@@ -20,7 +20,7 @@ import pdssjax
 from pdssjax import InputError
 from pdssjax.files import SweepStore
 from pdssjax.sweeps import cluster_executor, execution
-from pdssjax.sweeps.blocks import shared_out
+from pdssjax.sweeps.blocks import map_over_devices
 from pdssjax.sweeps.execution import package_version
 
 NEEDED = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs pdssjax[cluster]")
@@ -125,7 +125,7 @@ def test_a_scheduler_that_goes_away_ends_the_sweep_with_a_line_and_what_was_done
 
         with pytest.raises(InputError) as refused:
             pdssjax.sweep(study, GRID, executor=pool, in_flight=2, store=store, progress=progress)
-    assert "what was done is in the store" in str(refused.value) and "\n" not in str(refused.value)
+    assert "A store has the blocks that are done" in str(refused.value) and "\n" not in str(refused.value)
     # A thread of a worker that has gone may still be at its block: `quick` counts that, too.
     resumed = []
     kept = SweepStore(tmp_path / "s.zarr", resume=True)
@@ -158,7 +158,7 @@ def test_the_tls_settings_of_dask_are_those_of_a_sweep(quick, monkeypatch, certi
         assert local.scheduler_address.startswith("tls://")
         with cluster_executor(local.scheduler_address) as (pool, _):
             there = pdssjax.sweep(example_study(), GRID, executor=pool)
-        monkeypatch.setattr(execution, "_PATIENCE", 0.3)
+        monkeypatch.setattr(execution, "_SCHEDULER_TIMEOUT", 0.3)
         with (
             dask.config.set({"distributed.comm.tls.ca-file": None}),
             pytest.raises(InputError, match=r"scheduler tls://.*TLS") as refused,
@@ -201,10 +201,10 @@ ROOT = Path(__file__).parents[2]
 HALVED = """\
 import jax, json
 import jax.numpy as jnp
-from pdssjax.sweeps.blocks import default_workers, lanes_here, shared_out, whole_shares
+from pdssjax.sweeps.blocks import default_workers, default_lanes, map_over_devices, round_up_to_devices
 from test_cluster import POINTS, turns
-found = jax.jit(lambda points: shared_out(jax.vmap(turns), points))(POINTS)
-print(json.dumps([found.tolist(), len(found.devices()), whole_shares(7), lanes_here(), default_workers()]))
+found = jax.jit(lambda points: map_over_devices(jax.vmap(turns), points))(POINTS)
+print(json.dumps([found.tolist(), len(found.devices()), round_up_to_devices(7), default_lanes(), default_workers()]))
 """
 SWEPT = """\
 import numpy as np, sys
@@ -232,7 +232,7 @@ def run(program, devices, *arguments):
 
 def test_loops_of_unlike_lengths_are_shared_out_over_three_devices():
     expected = [turns(point).tolist() for point in POINTS]
-    assert shared_out(jax.vmap(turns), POINTS).tolist() == expected and len(set(expected)) == 6
+    assert map_over_devices(jax.vmap(turns), POINTS).tolist() == expected and len(set(expected)) == 6
     assert json.loads(run(HALVED, 3)) == [expected, 3, 9, 192, 2]
 
 

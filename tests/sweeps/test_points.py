@@ -149,8 +149,8 @@ def test_an_amplifier_that_the_study_has_not_is_put_before_the_stack(study, over
 @pytest.mark.parametrize(
     ("over", "says"),
     [
-        ({"sensor.bandwidth": [50.0, 1e4]}, "not what the sensor shows"),
-        ({"sensor.delay": [0.0, 1e-3]}, "not what the sensor shows"),
+        ({"sensor.bandwidth": [50.0, 1e4]}, "not the sensor's reading"),
+        ({"sensor.delay": [0.0, 1e-3]}, "not the sensor's reading"),
         ({"stop.stiffness": [1e4, 1e5]}, "--metrics output_force"),
         ({"piezo.mass": [0.1, 1.0]}, r"feedback = true in \[actuator\]"),
         ({"amplifier.slew": [1e4, 1e5]}, 'without "amplifier.bandwidth"'),
@@ -170,10 +170,10 @@ def test_an_axis_takes_effect_where_what_it_needs_is_asked_for(study):
 
 
 def test_a_border_and_a_derivative_along_what_changes_nothing_are_refused(study):
-    with pytest.raises(InputError, match="sensor shows"):
+    with pytest.raises(InputError, match="sensor's reading"):
         find_border(study, "sensor.bandwidth", (50.0, 1e4), {}, tolerance=10.0)
     listed = study.with_values({"sensor.bandwidth": 1e3})
-    with pytest.raises(InputError, match="sensor shows"):
+    with pytest.raises(InputError, match="sensor's reading"):
         plan_sweep(listed, {"drive.voltage": [60.0]}, derivatives=["sensor.bandwidth"])
     assert not changes_a_sweep("sensor.bandwidth", listed, ()) and changes_a_sweep("piezo.gain", listed, ())
 

@@ -104,7 +104,7 @@ def test_the_stroke_of_a_curved_flank_is_what_is_moved_along_it(study):
 
 @pytest.mark.slow
 def test_a_cycle_without_a_slow_and_a_fast_flank_has_no_stroke(study):
-    with pytest.warns(InputWarning, match="which has no stroke, back-slip and efficiency: they are NaN"):
+    with pytest.warns(InputWarning, match="without a slow and a fast flank: stroke, back-slip and efficiency are NaN"):
         data = pdssjax.sweep(driven_by(study, Triangle(60.0, 5.0, 0.998)), {"drive.voltage": [60.0]})
     assert not data.failure.any() and float(data.net_step[0]) > 1e-7
     assert float(data.speed[0]) == pytest.approx(5.0 * float(data.net_step[0]))

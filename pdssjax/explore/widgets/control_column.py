@@ -1,4 +1,4 @@
-"""The column to the left: sliders with fields for exact numbers, the fit that starts there, and how they are saved."""
+"""The left column: sliders with fields for exact numbers, a fit from these numbers, and saving them."""
 
 import html
 import os
@@ -13,21 +13,20 @@ from ..background_job import BackgroundJob
 from ..settings import POSITIONS, Choice, Knob, Settings, group_of
 from ..workbench import FitResult, fit_from_here
 from .page_thread import PageThread
-from .style import COMPACT, LEFT, MESSAGE, Widget
+from .style import COMPACT, LEFT, MESSAGE, Widget, button
 
 OnChange = Callable[[str, float], None]
-"""Takes the path of a number that was changed, and the number [SI]."""
+"""Takes the path of a changed number, and the number [SI]."""
 
 OnMessage = Callable[[str], None]
-"""Takes a line for the user; an empty one takes the last away."""
-
+"""Takes a line for the user; "" removes the last line."""
 
 _HEADINGS = {"drive": "drive of all records", "effector": "end-effector"}
-"""Headings of groups that differ from their name in a study."""
+"""Headings of groups that differ from the group's name in a study."""
 
 
 class ControlRow:
-    """A slider, and the field beside it."""
+    """A slider and a field for one number."""
 
     def __init__(self, knob: Knob, number: float, on_change: OnChange, on_message: OnMessage):
         self.knob = knob._replace(range=knob.range.widened(number, knob.quantity))
@@ -67,7 +66,7 @@ class ControlRow:
         self._set(self._field, self.knob.text(number))
 
     def _set(self, widget: Widget, value: object) -> None:
-        """Give a widget a value that it does not report as a change."""
+        """Set the value of a widget without reporting a change."""
         self._quiet = True
         try:
             widget.value = value
@@ -146,21 +145,15 @@ def _words(choice: Choice, number: float, on_change: OnChange) -> Widget:
 
 
 class FitBox:
-    """Buttons that begin and cancel a fit, and a line on its progress."""
+    """Buttons that begin and cancel a fit, and a line with its progress."""
 
     def __init__(
         self, study: Study, here: Callable[[], Settings], fitted: Callable[[FitResult], None], thread: PageThread
     ):
         self._study, self._here, self._fitted, self._thread = study, here, fitted, thread
         self._job: BackgroundJob[FitResult] | None = None
-        self._fit = pn.widgets.Button(
-            label="Fit from here", color="primary", height=28, margin=(2, 6, 2, 0), css_classes=["fit"]
-        )
-        self._cancel = pn.widgets.Button(
-            label="Cancel", height=28, margin=(2, 0), disabled=True, css_classes=["cancel"]
-        )
-        self._fit.on_click(lambda event: self._begin())
-        self._cancel.on_click(lambda event: self._stop())
+        self._fit = button("Fit from here", self._begin, "fit", color="primary", margin=(2, 6, 2, 0))
+        self._cancel = button("Cancel", self._stop, "cancel", margin=(2, 0), disabled=True)
         self._line = pn.pane.HTML(
             "", margin=0, width=372, styles={"font-size": "12px", "min-height": "30px"}, css_classes=["fit-said"]
         )
@@ -187,8 +180,8 @@ class FitBox:
     def _end(self, result: FitResult | None, error: BaseException | None) -> None:
         self._fit.disabled, self._cancel.disabled = False, True
         if result is None:
-            what = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-            self._say(f"The fit failed: {what}")
+            reason = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            self._say(f"The fit failed: {reason}")
             return
         self._fitted(result)
         self._say(result.message)
@@ -198,23 +191,22 @@ class FitBox:
 
 
 class SaveBox:
-    """A field for the path, a button, and a line that says what was saved."""
+    """A field for the path, a button, and a line with the result."""
 
     def __init__(self, suggested: Path, save: Callable[[Path, bool], Path]):
-        """`save` writes a study to a path, over another where asked, and gives its whole path."""
+        """`save` writes a study to a path, over another study if True, and returns the absolute path."""
         self._save, self._folder = save, suggested.parent
         self._path = pn.widgets.TextInput(
             value=suggested.name, width=182, margin=(2, 6, 2, 0), stylesheets=[LEFT], css_classes=["save-path"]
         )
-        self._button = pn.widgets.Button(label="Save as study", height=28, margin=(2, 6), css_classes=["save"])
         self._replace = pn.widgets.Checkbox(
             label="replace", margin=(8, 0, 0, 0), width=68, css_classes=["save-replace"]
         )
         self._line = pn.pane.HTML(
             f"in {html.escape(str(self._folder))}", margin=0, width=372, styles=MESSAGE, css_classes=["save-said"]
         )
-        self._button.on_click(lambda event: self._press())
-        self.view: Widget = pn.Column(pn.Row(self._path, self._button, self._replace, margin=0), self._line, margin=0)
+        save_button = button("Save as study", self._press, "save", margin=(2, 6))
+        self.view: Widget = pn.Column(pn.Row(self._path, save_button, self._replace, margin=0), self._line, margin=0)
 
     def _press(self) -> None:
         # A name without a folder is a file beside the study.
@@ -222,10 +214,10 @@ class SaveBox:
         try:
             saved = self._save(target, bool(self._replace.value))
         except InputError as error:
-            said = f"Not saved: {error}"
+            line = f"Not saved: {error}"
         except OSError as error:
-            said = f"Not saved: {target} cannot be written ({error.strerror or error})."
+            line = f"Not saved: {target} cannot be written ({error.strerror or error})."
         else:
-            said = f"Saved: {saved}"
+            line = f"Saved: {saved}"
             self._replace.value = False
-        self._line.object = html.escape(said)
+        self._line.object = html.escape(line)

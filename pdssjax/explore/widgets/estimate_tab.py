@@ -1,4 +1,4 @@
-"""The tab of an estimate: values with errors, correlations, likelihood profiles where there are any."""
+"""The tab of an estimate: values with errors, correlations, and likelihood profiles if computed."""
 
 import html
 import math
@@ -39,8 +39,8 @@ class EstimateTab:
     def show(self, estimate: Estimate) -> None:
         """Show an estimate."""
         advice = estimate.error_advice
-        told = [f"Errors to believe: {advice.model}. {advice.reason}"] if advice is not None else []
-        paragraphs = [f"<p>{html.escape(text)}</p>" for text in (*told, estimate.message, *estimate.notes) if text]
+        errors = [] if advice is None else [f"Errors to believe: {advice.model}. {advice.reason}"]
+        paragraphs = [f"<p>{html.escape(text)}</p>" for text in (*errors, estimate.message, *estimate.notes) if text]
         verdict = estimate.verdict if estimate.success else estimate.verdict.upper()
         headline = (
             f"{estimate.title}: {estimate.method} fit, {verdict}; chi-square a degree of freedom "
@@ -60,7 +60,7 @@ def _cells(tag: str, texts: list[str]) -> str:
 
 
 def _row(parameter: FittedParameter) -> list[str]:
-    """One parameter as texts of the table."""
+    """The cells of one parameter."""
     cells, known = parameter_cells(parameter), math.isfinite(parameter.standard_error)
     return [
         parameter.path,
@@ -89,7 +89,6 @@ def _correlations(estimate: Estimate) -> Widget:
             "ink": ["white" if abs(value) > 0.6 else "black" for value in values],
         }
     )
-    size, tall = 150 + 44 * len(names), max(220, 110 + 26 * len(names))
     plot = plain_figure("", "", x_range=names[:-1], y_range=names[:0:-1], title="Correlations", tools="")
     mapper = models.LinearColorMapper(palette=list(RdBu11), low=-1.0, high=1.0, nan_color="#eeeeee")
     plot.rect("x", "y", 0.96, 0.96, source=source, line_color=None, fill_color={"field": "value", "transform": mapper})
@@ -99,7 +98,7 @@ def _correlations(estimate: Estimate) -> Widget:
     )  # fmt: skip
     plot.xaxis.major_label_orientation = 0.8
     plot.grid.grid_line_color = None
-    return _sized(plot, size + 60, tall)
+    return _sized(plot, 210 + 44 * len(names), max(220, 110 + 26 * len(names)))
 
 
 def _profile(curve: Profile, parameter: FittedParameter) -> Widget:
@@ -119,5 +118,5 @@ def _profile(curve: Profile, parameter: FittedParameter) -> Widget:
 
 
 def _sized(plot: Model, width: int, height: int) -> Widget:
-    """A plot in a place of fixed size, since plots of hidden tabs cannot measure theirs."""
+    """A plot of fixed size, since plots on hidden tabs cannot measure their place."""
     return pn.Column(pane(plot), width=width, height=height, margin=4)

@@ -1,4 +1,4 @@
-"""One page in one browser: numbers are changed on the left, and drawn on the right."""
+"""One page in one browser: numbers on the left, plots on the right."""
 
 import html
 import time
@@ -7,33 +7,32 @@ import panel as pn
 
 from ...core import InputError
 from ..background_job import BackgroundJob, Report
-from ..live_record import Redraw, Score, cycle_of, initial_stretch, instants_of, within
+from ..live_record import Redraw, Score, clipped_stretch, cycle_of, initial_stretch, instants_of
 from ..settings import Settings, drive_choices, drive_knobs, parameter_knobs
 from ..workbench import FitResult, Workbench
 from .control_column import ControlGroup, FitBox, SaveBox
 from .estimate_tab import EstimateTab
 from .page_thread import PageThread, in_order
 from .record_tabs import ContactTab, RecordTab, ScoreTable, keyboard_buttons
-from .style import COLUMN_WIDTH, CUT, LEFT, MESSAGE, Widget
+from .style import COLUMN_WIDTH, CUT, LEFT, MESSAGE, Widget, button
 from .sweep_tab import SweepPage
 
 _IDLE_MS = 250
-"""Pause [ms] in which nothing is changed before the other records are predicted, too."""
-
+"""Pause [ms] without changes before the other records are predicted."""
 
 _HEADLINE = {"align-self": "center", "min-width": "0", "max-height": "38px", "overflow-y": "auto"}
-"""Style of the line above the plots, which may take two lines."""
+"""Style of the text above the plots, of up to two lines."""
 
 _PLACE = {"min-height": "0", "flex": "1 1 0"}
 """Style of the place for the plots of a record."""
 
 
 class Page:
-    """The widgets of one page, and their numbers."""
+    """The widgets of one page, and its numbers."""
 
     def __init__(self, workbench: Workbench, thread: PageThread):
         self._bench, self._thread = workbench, thread
-        self._settings, self._study = workbench.begun, workbench.study
+        self._settings, self._study = workbench.initial, workbench.study
         self._record = workbench.first()
         self._window = initial_stretch(self._record)
         self._redraw_asked = self._scores_asked = False
@@ -43,7 +42,7 @@ class Page:
         self._build()
         self._show_record(self._record.name)
 
-    # What is on the page
+    # Layout
 
     def _build(self) -> None:
         names = [record.name for record in self._study.records]
@@ -84,7 +83,7 @@ class Page:
             ("Sweep", self._sweep.view),
             sizing_mode="stretch_both",
             margin=0,
-            # Panel takes style sheets from the network for what changes on a tab that is taken away.
+            # With dynamic tabs, Panel loads style sheets from the network when hidden contents change.
             dynamic=False,
             css_classes=["tabs"],
         )
@@ -108,8 +107,7 @@ class Page:
 
     def _column(self) -> Widget:
         title = html.escape(self._study.title)
-        reset = pn.widgets.Button(label="Reset", height=26, margin=(2, 0), css_classes=["reset"])
-        reset.on_click(lambda event: self._move_to(self._bench.begun))
+        reset = button("Reset", lambda: self._move_to(self._bench.initial), "reset", height=26, margin=(2, 0))
         sliders = pn.Column(
             self._drive_place,
             self._parameters.view,
@@ -150,16 +148,16 @@ class Page:
         self._ask_redraw()
 
     def _show_drive(self) -> None:
-        record, title = self._record, "drive of this record"
+        record = self._record
         knobs, words = drive_knobs(self._study, record), drive_choices(record)
         numbers = self._settings.drives[record.name]
         change = lambda path, number: self._change(self._settings.with_drive(record.name, path, number))
-        group = ControlGroup(knobs, words, numbers, change, self._say, title)
+        group = ControlGroup(knobs, words, numbers, change, self._say, "drive of this record")
         self._drive_place.objects = [group.view]
 
     @in_order
     def _choose(self, name: str) -> None:
-        """Show another record; since its plots take a second or more, the headline says so first."""
+        """Show another record; the headline announces it first, since its plots take a second or more."""
         self._dim(True)
         self._say("")
         self._headline.object = f"drawing {html.escape(name)}; the pale plots are of {html.escape(self._record.name)}"
@@ -172,14 +170,14 @@ class Page:
         self._show_drive()
         self._record_tab = RecordTab(record, self._window, self._enlarge)
         self._contact_tab = ContactTab(record)
-        # Drawn first, since plots without data know no ranges.
+        # Draw before showing, since plots without data have no ranges.
         self._redraw(every_tab=True)
         self._record_place.objects = [self._record_tab.view]
         self._contact_place.objects = [self._contact_tab.view]
 
     @in_order
     def _enlarge(self, begin: float, end: float) -> None:
-        self._window = within(self._record, begin, end)
+        self._window = clipped_stretch(self._record, begin, end)
         self._record_tab.enlarge(self._window)
         self._ask_redraw()
 
@@ -195,14 +193,14 @@ class Page:
     # Drawing
 
     def _ask_redraw(self) -> None:
-        """Draw soon, once for all requests until then."""
+        """Schedule one drawing for all requests until then."""
         if not self._redraw_asked:
             self._redraw_asked = True
             self._thread.later(self._redraw)
 
     def _redraw(self, every_tab: bool = False) -> None:
         self._redraw_asked = False
-        begun = time.perf_counter()
+        start = time.perf_counter()
         name, settings, instants = self._record.name, self._settings, instants_of(self._record, *self._window)
         try:
             found = self._bench.records.redraw_at_once(name, settings, instants)
@@ -212,10 +210,10 @@ class Page:
         if found is None:
             self._compile()
             return
-        self._draw(found, begun, every_tab)
+        self._draw(found, start, every_tab)
         self._ask_scores()
 
-    def _draw(self, found: Redraw, begun: float, every_tab: bool) -> None:
+    def _draw(self, found: Redraw, start: float, every_tab: bool) -> None:
         self._dim(False)
         if every_tab or self._tabs.active == 0:
             self._record_tab.draw(found)
@@ -223,16 +221,17 @@ class Page:
             self._contact_tab.draw(found, self._window, self._record)
         self._scores[self._record.name] = found.score
         self._scores_table.show(self._scores, self._record.name, stale=True)
-        took = 1e3 * (time.perf_counter() - begun)
-        chi2 = "the simulation fails" if found.message else f"chi-square / n <b>{found.score.chi2:.4g}</b>"
+        took = 1e3 * (time.perf_counter() - start)
+        result = f"chi-square / n <b>{found.score.chi2:.4g}</b>"
         if found.message:
+            result = "the simulation fails"
             self._say(found.message)
-        self._headline.object = f'{chi2} <span style="color:#777" class="took">redrawn in {took:.0f} ms</span>'
+        self._headline.object = f'{result} <span style="color:#777" class="took">redrawn in {took:.0f} ms</span>'
 
     def _compile(self) -> None:
-        """Compile in a thread, and draw the numbers of that time when it has ended."""
+        """Compile in a thread, and draw the current numbers at its end."""
         self._dim(True)
-        if self._job is not None and self._job.runs:
+        if self._job is not None and self._job.is_running:
             return
         self._headline.object = "compiling for this record: some seconds, once"
         if self._bench.records.is_ready(self._record.name):
@@ -242,7 +241,7 @@ class Page:
         self._job = self._thread.start(work, lambda result, error: self._compiled(error, name, settings))
 
     def _dim(self, earlier: bool) -> None:
-        """Make the plots pale where they are of `earlier` numbers than the sliders'."""
+        """Make the plots pale if they are of `earlier` numbers than those of the sliders."""
         for place in (self._record_place, self._contact_place):
             place.styles = _PLACE | {"opacity": "0.3" if earlier else "1"}
 
@@ -258,7 +257,7 @@ class Page:
         self._headline.object = "cannot be shown; the pale plots are of earlier numbers"
         self._say(str(error))
 
-    # The other records, when nothing has changed for a moment
+    # Scores of all records, after a pause without changes
 
     def _ask_scores(self) -> None:
         if not self._scores_asked:
@@ -267,18 +266,18 @@ class Page:
 
     def _score(self) -> None:
         self._scores_asked = False
-        if self._scoring is not None and self._scoring.runs:
+        if self._scoring is not None and self._scoring.is_running:
             self._ask_scores()
             return
         settings = self._settings
 
         def all_scores(report: Report) -> dict[str, Score]:
-            found = {}
+            scores = {}
             for record in self._study.records:
-                report(record.name)  # where the job may be stopped
+                report(record.name)  # raises where the job was cancelled
                 instants = instants_of(record, *initial_stretch(record))
-                found[record.name] = self._bench.records.redraw(record.name, settings, instants).score
-            return found
+                scores[record.name] = self._bench.records.redraw(record.name, settings, instants).score
+            return scores
 
         self._scoring = self._thread.start(all_scores, lambda scores, error: self._scored(scores, error, settings))
 
@@ -292,7 +291,7 @@ class Page:
         if settings != self._settings:
             self._ask_scores()
 
-    # Results of fit and save
+    # Messages, and the result of a fit
 
     def _say(self, line: str) -> None:
         self._message.object = html.escape(line)

@@ -1,10 +1,10 @@
-"""The thread in which the widgets of a page are changed, and the jobs that are begun from the page.
+"""The thread that changes the widgets of a page, and the jobs that the page starts.
 
-What changes on the page reaches the browser in the order in which it changed.  Panel sends the changes of widgets by
-itself and lets them wait while the connection is busy; Bokeh sends those of plots and their data at once.  New data
-then overtake the plot that they are drawn in, and the browser knows no plot of that name.  Here both go Panel's way.
+Changes on the page reach the browser in their order.  Panel queues the changes of widgets while the connection is busy;
+Bokeh sends those of plots and their data at once.  New data would then overtake their plot, which the browser does not
+know yet.  Here both are queued by Panel.
 
-A page that is closed while a job is at work is no failure: the job is asked to stop, and what it says is dropped.
+A page may be closed while a job runs: the job is asked to stop, and its reports are dropped.
 """
 
 import functools
@@ -23,7 +23,7 @@ Result = TypeVar("Result")
 
 
 def in_order(act: Callable[Arguments, None]) -> Callable[Arguments, None]:
-    """`act`, for the thread of the page, with all its changes sent in their order."""
+    """`act` for the thread of the page, with its changes sent in their order."""
 
     @functools.wraps(act)
     def ordered(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
@@ -45,7 +45,7 @@ class PageThread:
         self._loop.add_callback(self._if_open, lambda: self._document.add_next_tick_callback(in_order(act)))
 
     def after(self, milliseconds: int, act: Callable[[], None]) -> None:
-        """Call `act` in the thread of the page after some milliseconds."""
+        """Call `act` in the thread of the page after so many `milliseconds`."""
         self._loop.add_callback(self._if_open, lambda: self._document.add_timeout_callback(act, milliseconds))
 
     def start(
@@ -54,10 +54,7 @@ class PageThread:
         on_end: Callable[[Result | None, BaseException | None], None],
         on_line: Callable[[str], None] = lambda line: None,
     ) -> BackgroundJob[Result]:
-        """Begin `work` in a thread of its own.
-
-        In the thread of the page `on_end` is given the result or the error, and `on_line` each line of progress.
-        """
+        """Start a `BackgroundJob`, whose `on_end` and `on_line` run in the thread of the page."""
         job = BackgroundJob(
             work,
             lambda line: self.later(lambda: on_line(line)),
@@ -72,7 +69,7 @@ class PageThread:
             job.cancel()
 
     def _if_open(self, act: Callable[[], object]) -> None:
-        # In the thread of the server, which alone closes documents: here none is closed in between.
+        # Runs in the thread of the server, which alone closes documents, so that none closes before `act`.
         context = self._document.session_context
         if context is not None and not context.destroyed:
             act()

@@ -1,8 +1,9 @@
-"""The tabs of a record: its motion over time, its contact, and how well every record is predicted."""
+"""The tabs of a record, its motion over time and its contact, and the table of all scores."""
 
 import html
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 import panel as pn
@@ -21,6 +22,7 @@ from .style import (
     VERMILION,
     Model,
     Widget,
+    button,
     column,
     models,
     pane,
@@ -32,10 +34,10 @@ from .style import (
 
 
 class RecordTab:
-    """Six plots of one record, three of all of it and three of the stretch enlarged."""
+    """Six plots of one record: three of the whole record, three of the enlarged stretch."""
 
     def __init__(self, record: Record, window: tuple[float, float], moved: Callable[[float, float], None]):
-        """`moved` takes the begin and the end [s] of the stretch that the user has chosen to be enlarged."""
+        """`moved` takes begin and end [s] of the stretch that the user chooses to enlarge."""
         self._record, self._drawn = record, drawn_samples(record)
         display = record.measurement.display
         self._scale, self._unit = display.scale, with_micro_sign(display.unit)
@@ -60,11 +62,11 @@ class RecordTab:
         for name in ("start", "end"):
             ends[1].on_change(name, lambda attr, old, new: self._dragged(ends[1]))
         for plot in (plot for both in self._plots for plot in both):
-            # So that the times stand below each other.
+            # Aligns the time axes of the rows.
             plot.min_border_left, plot.min_border_right = 72, 58
-        # The heights of the rows, of six parts.
-        parts = [row(pane(a, 3), pane(b, 2.4), flex=f) for (a, b), f in zip(self._plots, (2.5, 1.4, 1.7), strict=True)]
-        self.view = column(*parts)
+        heights = 2.5, 1.4, 1.7
+        rows = [row(pane(a, 3), pane(b, 2.4), flex=h) for (a, b), h in zip(self._plots, heights, strict=True)]
+        self.view = column(*rows)
 
     def _dragged(self, window: Model) -> None:
         if not self._quiet:
@@ -72,7 +74,7 @@ class RecordTab:
             self._moved(begin / MILLISECONDS, end / MILLISECONDS)
 
     def enlarge(self, window: tuple[float, float]) -> None:
-        """Show another stretch, from begin to end [s]; its curves come with the next `draw`."""
+        """Show another stretch, from begin to end [s]; the next `draw` draws its curves."""
         self._window, self._quiet = window, True
         try:
             self._plots[0][1].x_range.update(start=MILLISECONDS * window[0], end=MILLISECONDS * window[1])
@@ -81,7 +83,7 @@ class RecordTab:
 
     @property
     def _band(self) -> float:
-        """Half the height of the band of the noise, in the unit of the plot; 0 where the noise is not known."""
+        """Half-height of the noise band, in the unit of the plot; 0 where the noise is unknown."""
         noise = known_noise(self._record)
         return 2.0 * noise * self._scale if noise > 0 else 0.0
 
@@ -99,12 +101,12 @@ class RecordTab:
             }
             near = (found.instants >= begin - margin) & (found.instants <= end + margin)
             inside = found.inside
-            # A contact alone has no voltage but a prescribed motion.
-            friction = np.isfinite(inside.friction).any() and not np.isfinite(inside.voltage).any()
+            # A contact alone has a prescribed motion in place of the voltage.
+            prescribed = np.isfinite(inside.friction).any() and not np.isfinite(inside.voltage).any()
             sources.lines.data = {
                 "time": MILLISECONDS * found.instants[near],
                 "predicted": scale * found.between[near],
-                "voltage": np.asarray(MICROMETRES * inside.relative[near] if friction else inside.voltage[near]),
+                "voltage": np.asarray(MICROMETRES * inside.relative[near] if prescribed else inside.voltage[near]),
                 "platform": np.asarray(MICROMETRES * inside.platform[near]),
             }
 
@@ -144,7 +146,7 @@ def _residual(sources: _Sources, x_range: Model, label: str, band: float) -> Mod
 
 
 def _command(sources: _Sources, x_range: Model, record: Record) -> Model:
-    """Voltage, with the platform on a second axis; of a contact alone the prescribed motion."""
+    """The voltage, with the platform on a second axis; for a contact alone the prescribed motion."""
     driven = record.measurement.driven
     plot = plain_figure("time (ms)", "voltage (V)" if driven else "motion (µm)", x_range=x_range)
     command = plot.line("time", "voltage", source=sources.lines, color=GREEN, line_width=1.3)
@@ -158,20 +160,9 @@ def _command(sources: _Sources, x_range: Model, record: Record) -> Model:
 
 def keyboard_buttons(move: Callable[[float], None], widen: Callable[[float], None]) -> Widget:
     """Buttons that move the enlarged stretch by cycles and widen it by factors, for use without a mouse."""
-
-    def button(text: str, act: Callable[[], None]) -> Widget:
-        plot = pn.widgets.Button(label=text, height=26, margin=(4, 2), css_classes=["small"])
-        plot.on_click(lambda event: act())
-        return plot
-
-    return pn.Row(
-        pn.pane.HTML("enlarged:", margin=(9, 4, 0, 8)),
-        button("◀ cycle", lambda: move(-1.0)),
-        button("cycle ▶", lambda: move(1.0)),
-        button("closer", lambda: widen(0.5)),
-        button("wider", lambda: widen(2.0)),
-        margin=0,
-    )
+    calls = {"◀ cycle": (move, -1.0), "cycle ▶": (move, 1.0), "closer": (widen, 0.5), "wider": (widen, 2.0)}
+    buttons = [button(text, partial(*call), "small", height=26, margin=(4, 2)) for text, call in calls.items()]
+    return pn.Row(pn.pane.HTML("enlarged:", margin=(9, 4, 0, 8)), *buttons, margin=0)
 
 
 class ContactTab:
@@ -181,14 +172,13 @@ class ContactTab:
         # Without a moving end-effector the phase portrait is the platform's.
         self._contact = "friction" in record.measurement.parts()
         self._driven = record.measurement.driven
-        names = "displacement velocity force time".split()
-        self._whole = models.ColumnDataSource({name: [] for name in names})
-        self._near = models.ColumnDataSource({name: [] for name in names})
+        empty = {name: [] for name in ("displacement", "velocity", "force", "time")}
+        self._whole, self._near = models.ColumnDataSource(empty), models.ColumnDataSource(dict(empty))
         self._measured = models.ColumnDataSource({"displacement": [], "force": []})
-        what = "end-effector relative to platform" if self._driven else "prescribed motion"
-        if not self._contact:
-            what = "platform"
-        place, speed = f"{what} (µm)", "relative velocity (mm/s)" if self._contact else "velocity (mm/s)"
+        place, speed = "platform (µm)", "velocity (mm/s)"
+        if self._contact:
+            place = "end-effector relative to platform (µm)" if self._driven else "prescribed motion (µm)"
+            speed = "relative velocity (mm/s)"
         portrait = self._loops("Phase portrait", place, speed, "velocity")
         over_time = self._over_time(speed, "velocity", BLUE)
         if not self._contact:
@@ -205,9 +195,9 @@ class ContactTab:
     def draw(self, found: Redraw, window: tuple[float, float], record: Record) -> None:
         """Show the record at other numbers, with the enlarged stretch `window` [s] emphasised."""
         inside, sign = found.inside, -1.0 if self._driven else 1.0
-        place, speed = (sign * inside.relative, sign * inside.relative_velocity)
-        if not self._contact:
-            place, speed = inside.platform, inside.platform_velocity
+        place, speed = inside.platform, inside.platform_velocity
+        if self._contact:
+            place, speed = sign * inside.relative, sign * inside.relative_velocity
         data = {
             "displacement": MICROMETRES * place,
             "velocity": 1e3 * speed,
@@ -237,7 +227,7 @@ class ContactTab:
 
 
 _POOR = 1.5
-"""Chi-square per degree of freedom from which a record is marked."""
+"""Chi-square per degree of freedom from which a record is marked as poor."""
 
 
 class ScoreTable:
@@ -250,7 +240,7 @@ class ScoreTable:
         )
 
     def show(self, scores: Mapping[str, Score], chosen: str, stale: bool) -> None:
-        """Show the known `scores` by record; those of other records than the `chosen` one may be `stale`."""
+        """Show the known `scores` by record; `stale` marks all but that of the `chosen` record."""
         heads = "record", "measures", "role", "chi-square / n", "rmse", "noise", "offset"
         head = "".join(f"<th{_side(i)}>{text}</th>" for i, text in enumerate(heads))
         rows = "".join(self._row(r, scores.get(r.name), chosen, stale and r.name != chosen) for r in self._records)
@@ -273,8 +263,8 @@ class ScoreTable:
             cells[5] += "" if score.noise_given else " (seen)"
             poor = " poor" if not score.chi2 < _POOR else ""
         grey = ' style="color:#999"' if stale else ""
-        told = "".join(f"<td{_side(i, poor if i == 3 else '')}{grey}>{cell}</td>" for i, cell in enumerate(cells))
-        return f"<tr{' class=chosen' if record.name == chosen else ''}>{told}</tr>"
+        row_cells = "".join(f"<td{_side(i, poor if i == 3 else '')}{grey}>{cell}</td>" for i, cell in enumerate(cells))
+        return f"<tr{' class=chosen' if record.name == chosen else ''}>{row_cells}</tr>"
 
 
 def _side(column: int, more: str = "") -> str:

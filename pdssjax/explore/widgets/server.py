@@ -1,9 +1,8 @@
-"""The server of the page, on the loopback address and for those who know its whole address.
+"""The server of the page, on the loopback address, for users who know the secret in the page's address.
 
-A page of any other site in the same browser can send requests to the loopback address, and by DNS rebinding (a name
-of its own that resolves to 127.0.0.1) it could read the answers, too.  So the address of the page has a secret in it,
-and what does not name this very address, or asks for anything that the page does not need, is refused before
-anything is made for it.
+Pages of other sites in the same browser can send requests to the loopback address, and by DNS rebinding (a name of
+their own that resolves to 127.0.0.1) also read the answers.  So the address of the page has a secret in it.  A request
+that does not name this address, or asks for a path that the page does not need, is refused before any other work.
 """
 
 import asyncio
@@ -33,11 +32,11 @@ from .style import PAGE, Widget
 
 ADDRESS = "127.0.0.1"
 
-PATIENCE = 20.0
+END_TIMEOUT = 20.0
 """Longest wait [s] at the end for work that cannot be stopped, such as compiling."""
 
 _SHARED_PATHS = "/static/", "/favicon.ico"
-"""Beginnings of paths that need no secret: the code of Bokeh and Panel, which is the same everywhere."""
+"""Beginnings of paths without the secret: the code of Bokeh and Panel, which is public."""
 
 
 def serve(bench: Workbench, port: int, show: bool, report: Callable[[str], None]) -> bool:
@@ -45,11 +44,11 @@ def serve(bench: Workbench, port: int, show: bool, report: Callable[[str], None]
 
     **Arguments:**
 
-    - `port`: the port to listen on; 0 takes a free one.
+    - `port`: the port to listen on; 0 takes a free port.
     - `show`: whether to open the page in a browser.
-    - `report`: is given a line with the address of the page.
+    - `report`: takes a line with the address of the page.
 
-    **Returns:** whether all work that was begun on the pages has ended, too.
+    **Returns:** whether all jobs of the pages have ended, too.
 
     **Raises:** `InputError` where the port is taken.
     """
@@ -67,20 +66,20 @@ def serve(bench: Workbench, port: int, show: bool, report: Callable[[str], None]
         server.io_loop.start()
     finally:
         server.stop()
-        ended = end_jobs(PATIENCE)
+        ended = end_jobs(END_TIMEOUT)
     return ended
 
 
 class Site(NamedTuple):
-    """The address of the page, and which requests belong to it."""
+    """The address of the page, and the check of requests."""
 
     port: int
     secret: str
 
     @property
     def host(self) -> str:
-        """The host that a browser names on this page."""
-        # Browsers leave this port out of the host that they name.
+        """The host in the requests of a browser on this page."""
+        # Browsers leave out the default port.
         return ADDRESS if self.port == 80 else f"{ADDRESS}:{self.port}"
 
     @property
@@ -94,7 +93,7 @@ class Site(NamedTuple):
         return f"http://{ADDRESS}:{self.port}{self.path}"
 
     def admits(self, path: str, headers: Mapping[str, str]) -> bool:
-        """Whether a request for `path` comes from the page itself, or from somebody who knows its address."""
+        """Whether a request for `path` comes from the page itself, or from a user who knows its address."""
         if headers.get("Host") != self.host or headers.get("Origin", f"http://{self.host}") != f"http://{self.host}":
             return False
         secret = any(hmac.compare_digest(path.encode(), known.encode()) for known in (self.path, f"{self.path}/ws"))
@@ -121,14 +120,14 @@ def page_server(bench: Workbench, port: int) -> tuple[Server, Site]:
         threaded=False,
         verbose=False,
     )
-    logging.getLogger("bokeh.server.views.ws").setLevel(logging.ERROR)  # which warns of pages that are closed
-    server._tornado.default_router.rules.insert(0, Rule(_Stranger(site), _Refusal))
+    logging.getLogger("bokeh.server.views.ws").setLevel(logging.ERROR)  # no warnings of closed pages
+    server._tornado.default_router.rules.insert(0, Rule(_Foreign(site), _Refusal))
     loop: asyncio.AbstractEventLoop = server.io_loop.asyncio_loop
     loop.set_exception_handler(_log_failure)
     return server, site
 
 
-class _Stranger(Matcher):
+class _Foreign(Matcher):
     """Matches requests that a site does not admit."""
 
     def __init__(self, site: Site):
@@ -139,7 +138,7 @@ class _Stranger(Matcher):
 
 
 class _Refusal(RequestHandler):
-    """Answers strangers, whatever their method; a foreign page cannot fill the console with lines about itself."""
+    """Refuses foreign requests of any method, without a line in the log that a foreign page could flood."""
 
     def prepare(self) -> None:
         self.set_status(403)
@@ -151,7 +150,7 @@ class _Refusal(RequestHandler):
 
 
 def _log_failure(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """Log what failed behind the pages, but not that one was closed while it was being sent something."""
+    """Log an error behind the pages, but not that a page was closed during a transfer."""
     if not isinstance(context.get("exception"), WebSocketClosedError):
         loop.default_exception_handler(context)
 
@@ -159,7 +158,7 @@ def _log_failure(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> No
 def _view(bench: Workbench) -> Widget:
     document = pn.state.curdoc
     assert document is not None
-    # Or Panel would take the style sheets of whatever is added later from the network.
+    # Else Panel loads the style sheets of widgets that are added later from the network.
     document.template_variables["dist_url"] = LOCAL_DIST
     thread = PageThread(document)
     document.on_session_destroyed(lambda context: thread.cancel_jobs())
@@ -167,12 +166,9 @@ def _view(bench: Workbench) -> Widget:
 
 
 def _usable_port(port: int) -> int:
-    """`port`, or a free one for 0.
-
-    **Raises:** `OSError` where it is taken.
-    """
+    """`port`, or a free port for 0; **raises** `OSError` where it is taken."""
     with socket.socket() as tried:
-        if os.name != "nt":  # where it would take a port from another server
+        if os.name != "nt":  # on Windows this option takes the port of another server
             tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         tried.bind((ADDRESS, port))
         return int(tried.getsockname()[1])

@@ -1,5 +1,6 @@
-"""Colours, sizes and the style sheet of the page; the colours are those of the figures."""
+"""Colours, sizes, style sheets and common widgets of the page; the colours are those of the figures."""
 
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import bokeh.models
@@ -10,13 +11,13 @@ GREY, VERMILION, BLUE, GREEN, PURPLE = "#8c8c8c", "#D55E00", "#0072B2", "#009E73
 """Colours of Okabe and Ito, which remain distinct with a colour vision deficiency."""
 
 MILLISECONDS = 1e3
-"""Milliseconds in a second; times are shown in them."""
+"""Milliseconds in a second, the unit of times on the page."""
 
 Widget: TypeAlias = Any
 """A widget or pane of Panel, whose parameters no type checker can follow."""
 
 Option: TypeAlias = Any
-"""A keyword argument of a plot or a pane of Panel and Bokeh; theirs are of many types."""
+"""A keyword argument of a plot or a pane of Panel and Bokeh, of any type."""
 
 Model: TypeAlias = Any
 """A plot, a range or a source of Bokeh, or their module: the type stubs allow less than Bokeh takes."""
@@ -106,6 +107,13 @@ def second_axis(plot: Model, source: Model, name: str, label: str, colour: str, 
     plot.add_layout(models.LinearAxis(y_range_name=name, axis_label=label), "right")
     values.renderers = [plot.line("time", name, source=source, color=colour, y_range_name=name, **line)]
     plain(plot)
+
+
+def button(label: str, act: Callable[[], None], name: str, height: int = 28, **more: Option) -> Widget:
+    """A button that calls `act`; `name` is its class in the style sheet."""
+    made = pn.widgets.Button(label=label, height=height, css_classes=[name], **more)
+    made.on_click(lambda event: act())
+    return made
 
 
 def pane(plot: Model, flex: float = 1.0, **more: Option) -> Widget:

@@ -1,4 +1,4 @@
-"""The tab of a sweep: a map in which one clicks a point to see the motion there."""
+"""The tab of a sweep: a map, and the motion at the point clicked in it."""
 
 import html
 from collections.abc import Callable
@@ -22,6 +22,7 @@ from .style import (
     VERMILION,
     Model,
     Widget,
+    button,
     models,
     pane,
     plain_figure,
@@ -46,11 +47,9 @@ class SweepTab:
         self._chosen, self._points = chosen, np.zeros(0, int)
         self._map: SweepMap | None = None
         self._quiet = False
-        self.make = pn.widgets.Button(label="Make a small map", height=28, margin=(4, 4), css_classes=["make-map"])
-        self.make.on_click(lambda event: make())
-        self.stop = pn.widgets.Button(label="Cancel", height=28, margin=(4, 4), disabled=True, css_classes=["stop-map"])
-        self.stop.on_click(lambda event: cancel())
-        self.said = pn.pane.HTML("", margin=(8, 8), css_classes=["map-said"])
+        self.make = button("Make a small map", make, "make-map", margin=(4, 4))
+        self.stop = button("Cancel", cancel, "stop-map", margin=(4, 4), disabled=True)
+        self.message = pn.pane.HTML("", margin=(8, 8), css_classes=["map-said"])
         self._selects = {
             name: pn.widgets.Select(label=name, options=[], width=200, margin=(0, 8), css_classes=[f"map-{name}"])
             for name in ("metric", "across", "up")
@@ -61,7 +60,7 @@ class SweepTab:
             select.param.watch(lambda event: self._draw(), "value")
         self._point.param.watch(lambda event: self._choose(), "value")
         self._body = pn.Column(pn.pane.HTML(_NOTHING, margin=12), sizing_mode="stretch_both", margin=0)
-        top = pn.Row(self.make, self.stop, self.said, margin=0)
+        top = pn.Row(self.make, self.stop, self.message, margin=0)
         self.view = pn.Column(top, self._body, sizing_mode="stretch_both", margin=0)
         self._motion_source = models.ColumnDataSource({"time": [], "effector": [], "platform": [], "voltage": []})
         self._motion_figure = _motion_plot(self._motion_source)
@@ -81,9 +80,8 @@ class SweepTab:
             select.value = next(iter(options[name].values()))
         if "speed" in found.metrics:
             self._selects["metric"].value = "speed"
-        count = next(iter(found.axes.values())).values.size
-        self._count = count
-        self._point.value = count // 2
+        self._count = next(iter(found.axes.values())).values.size
+        self._point.value = self._count // 2
         self._quiet = False
         self._draw()
         self._chosen(self._number())
@@ -103,9 +101,8 @@ class SweepTab:
             # Of a label such as "speed (µm/s)".
             unit = f" {label.rpartition('(')[2].rstrip(')')}" if label.endswith(")") else ""
             parts.append(f"{label.partition(' (')[0].partition(';')[0]}: {values[point]:.4g}{unit}")
-        self._summary.object = (
-            f"<b>point {point}</b>: " + ", ".join(parts) + (f"; {motion.message}" if motion.message else "")
-        )
+        message = f"; {motion.message}" if motion.message else ""
+        self._summary.object = f"<b>point {point}</b>: {', '.join(parts)}{message}"
 
     def _number(self) -> int:
         """The number of the chosen point."""
@@ -114,10 +111,10 @@ class SweepTab:
     def _choose(self) -> None:
         if self._quiet or self._map is None:
             return
-        # The widget keeps a number beyond its ends to itself, so that it has none and the nearest point is taken here.
+        # Without limits of the widget, which would hide a number beyond them, the nearest point is taken here.
         nearest = min(max(self._number(), 0), self._count - 1)
         if self._point.value != nearest:
-            self._point.value = nearest  # comes back here
+            self._point.value = nearest  # calls this method again
             return
         self._draw()
         self._chosen(nearest)
@@ -151,7 +148,7 @@ class SweepTab:
 def _map_plot(
     found: SweepMap, shown: list[str], metric: str, points: np.ndarray, point: int, grid: bool
 ) -> tuple[Model, Model]:
-    """The source whose selection is the point clicked, and the map."""
+    """The source whose selection is the clicked point, and the map."""
     label, values = found.metrics[metric]
     axes = [found.axes[path] for path in shown]
     places = [axis.scale * axis.values[points] for axis in axes]
@@ -171,7 +168,7 @@ def _map_plot(
     )  # fmt: skip
     for axis, tile, ratio in zip((plot.xaxis, plot.yaxis), tiles, ratios, strict=True):
         if ratio:
-            # Bokeh's own lie at equal distances over less than two decades: 50 and 100 alone from 5 to 80.
+            # Bokeh's ticks are equidistant over less than two decades: 50 and 100 alone from 5 to 80.
             axis.ticker, axis.formatter = ticks_along(np.concatenate(tile[:2])), models.BasicTickFormatter()
     source = models.ColumnDataSource(edges)
     known = values[points][np.isfinite(values[points])]
@@ -215,10 +212,10 @@ def _motion_plot(source: Model) -> Model:
 
 
 class SweepPage:
-    """The tab of a sweep with the jobs behind it: a small map, and the motion at a point."""
+    """The tab of a sweep with its jobs: a small map, and the motion at a point."""
 
     def __init__(self, bench: Workbench, here: Callable[[], Settings], chosen: Callable[[], str], thread: PageThread):
-        """`chosen` gives the name of the record that the page shows."""
+        """`here` returns the settings of the page, `chosen` the name of its record."""
         self._bench, self._here, self._chosen, self._thread = bench, here, chosen, thread
         self._tab = SweepTab(self._choose, self._make, self._cancel)
         self._map: SweepMap | None = None
@@ -246,9 +243,9 @@ class SweepPage:
         self._tab.show(self._map)
 
     def _choose(self, point: int) -> None:
-        """Simulate the chosen point; of points chosen meanwhile only the last is simulated."""
+        """Simulate the chosen point; of points chosen during a simulation only the last is simulated."""
         self._wanted = point
-        if self._motion_job is None or not self._motion_job.runs:
+        if self._motion_job is None or not self._motion_job.is_running:
             self._simulate_wanted()
 
     def _simulate_wanted(self) -> None:
@@ -288,4 +285,4 @@ class SweepPage:
             self._say("cancelled" if isinstance(error, KeyboardInterrupt) else f"No map: {error}")
 
     def _say(self, line: str) -> None:
-        self._tab.said.object = html.escape(line)
+        self._tab.message.object = html.escape(line)

@@ -1,9 +1,9 @@
-"""The dialect of a table of text: encoding, separator, decimal sign, where its samples begin, names and units.
+"""The dialect of a table of text: encoding, separator, decimal sign, first line of samples, names and units.
 
-Told from the first lines: of all separators and decimal signs those under which most cells are numbers, in rows of
-one width.  What stands above the first row of numbers is a preamble; a row of words of the same width right above
-them holds the names, or the units, with the names above.  Lines that begin with "#" are remarks; where there is no
-other header, the last of them above the numbers is it.
+The first lines determine it: separator and decimal sign are those with most numbers among the cells, in rows of one
+width.  Lines above the first row of numbers are a preamble.  A row of words of the same width right above the numbers
+has the names, or the units with the names above.  Lines that begin with "#" are remarks; without another header, the
+last remark above the numbers is the header.
 """
 
 import csv
@@ -17,18 +17,16 @@ from typing import NamedTuple
 
 from ...core import InputError, unit_named
 
-HEAD = 1 << 18
-"""Bytes that are looked at."""
-
-_LINES = 400
+HEAD, _LINES = 1 << 18, 400
+"""Bytes and lines that are examined."""
 
 _KINDS = [(";", ","), (";", "."), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ","), (",", ",")]
-"""Separators with decimal signs; of equals the first is taken, a comma's before all, as most files have it."""
+"""Separators with decimal signs; of equal scores the first is taken."""
 
 _BRACKETS = re.compile(r"\s*(\([^)]*\)|\[[^\]]*\])")
 
 _UNITS_ALONE = set("s ms us µs μs ns v mv kv m mm um µm μm nm n mn a ma second seconds sec volt volts".split())
-"""Name of a column whose header is only its unit."""
+"""Units that may be the whole header of a column."""
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 
@@ -44,12 +42,12 @@ class Column(NamedTuple):
     position: int
     """Index of the column, from 0."""
     name: str
-    """Without what stands in brackets; "" where there is none."""
+    """The header without brackets; "" where there is none."""
     written: str
     """The header as it stands in the file."""
     unit: str
     letter: bool = False
-    """The unit is but a name of one letter among others, which are symbols: V of "t, x, V" may be a velocity."""
+    """Whether the unit is only a name of one letter beside other symbols: V of "t, x, V" may be a velocity."""
 
 
 class Dialect(NamedTuple):
@@ -62,14 +60,14 @@ class Dialect(NamedTuple):
     skipped: int
     """Lines above the first sample."""
     width: int
-    """Cells of a row."""
+    """Number of cells in a row."""
     columns: tuple[Column, ...]
     named: bool
-    """There are names."""
+    """Whether columns have names."""
     above: tuple[str, ...]
-    """Cells of the line right above the samples, whatever they are."""
+    """Cells of the line right above the samples."""
     clock: tuple[float, float] | None
-    """Start and interval [s] that the preamble tells (Rigol)."""
+    """Start and interval [s] in the preamble (Rigol)."""
 
 
 def encoding_of(file: Path, head: bytes) -> str:
@@ -82,7 +80,7 @@ def encoding_of(file: Path, head: bytes) -> str:
     if control := re.search(rb"[\x00-\x08\x0e-\x1f]", head):
         raise InputError(
             f"{file}: found the byte {head[control.start()]} at byte {control.start()}, "
-            "expected text, or a file of a format that is known."
+            "expected text, or a file of a known format."
         )
     try:
         head.decode("utf-8")
@@ -93,10 +91,10 @@ def encoding_of(file: Path, head: bytes) -> str:
 
 
 def dialect_of(file: Path, head: bytes, decimal: str) -> Dialect:
-    """The dialect of a table that begins with `head`; `decimal` where it is known."""
+    """The dialect of a table that begins with `head`; `decimal` is "" to detect it."""
     encoding = encoding_of(file, head)
     text = head.decode(encoding, errors="replace")
-    # Only what ends a line in the file does so here.
+    # Not `splitlines`, which also splits at characters that end no line of a file.
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")[:_LINES]
     if len(head) >= HEAD and len(lines) < _LINES:
         lines = lines[:-1] or lines  # the last one is cut
@@ -107,12 +105,12 @@ def dialect_of(file: Path, head: bytes, decimal: str) -> Dialect:
         if count > 10_000:
             raise InputError(f"{file}: line {number}: found {count} cells, expected 10000 at most.")
     kinds = [kind for kind in _KINDS if decimal in ("", kind[1])]
-    # Separators that do not occur are equal: under each of them a line is one cell.
+    # All separators that do not occur score the same: each line is one cell.
     absent = [separator for separator, _ in kinds if not any(separator in line for line in lines)]
     score = functools.cache(lambda separator, decimal: _score(lines, separator, decimal))
-    asked = [(absent[0] if separator in absent else separator, sign) for separator, sign in kinds]
-    scored = [(score(*by), -rank, kind) for rank, (by, kind) in enumerate(zip(asked, kinds, strict=True))]
-    best, _, (separator, sign) = max(scored)
+    scores = [score(absent[0] if separator in absent else separator, sign) for separator, sign in kinds]
+    best = max(scores)
+    separator, sign = kinds[scores.index(best)]
     if best <= 0:
         number, last = next((k, line) for k, line in reversed(list(enumerate(lines, start=1))) if line.strip())
         if moment := re.search(r"\d{4}-\d\d?-\d\d?([T ]\d\d:[\d:.]+)?|\d+:\d\d[\d:.]*", last):
@@ -125,13 +123,13 @@ def dialect_of(file: Path, head: bytes, decimal: str) -> Dialect:
 
 
 def cells_of(line: str, separator: str, header: bool = False) -> list[str]:
-    """The cells of a line; in a header a separator within brackets is none."""
+    """The cells of a line; in a `header`, brackets protect separators."""
     if separator == " ":
         return line.split()
     if '"' in line:
         try:
             return [cell.strip().strip('"').strip() for cell in next(csv.reader([line], delimiter=separator), [])]
-        except csv.Error:  # a cell longer than the library takes
+        except csv.Error:  # a cell longer than the limit of the library
             return [cell.strip().strip('"') for cell in line.split(separator)]
     if header and "(" in line:
         masked = re.sub(r"\([^()]*\)", lambda inside: inside[0].replace(separator, "\0"), line)
@@ -140,10 +138,10 @@ def cells_of(line: str, separator: str, header: bool = False) -> list[str]:
 
 
 def plain_number(cell: str, decimal: str, sure: bool = False) -> str:
-    """A cell as a number with a decimal point and nothing between its thousands; "" where it is none.
+    """A cell as a number with a decimal point and without separators of thousands; "" where it is no number.
 
-    **Arguments:** `decimal` is the decimal sign, of which the user is `sure`: then the other one divides thousands
-    even where it stands once.
+    **Arguments:** `decimal` is the decimal sign; if it is `sure`, the other sign separates thousands even where it
+    occurs once.
     """
     text = cell.translate(str.maketrans(",.", ".,")) if decimal == "," else cell
     grouped = _GROUPED.fullmatch(text) if "," in text else None
@@ -156,12 +154,12 @@ def plain_number(cell: str, decimal: str, sure: bool = False) -> str:
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Whether a cell may be a number, also one whose thousands are divided."""
+    """Whether a cell may be a number, also with separators of thousands."""
     return plain_number(cell, decimal, sure=True) != ""
 
 
 def with_points(text: str) -> str:
-    """Text with decimal commas, with points in their place; with what is no number where a point stood."""
+    """Text with points for decimal commas, and "?" for points, which makes their cells no numbers."""
     return text.replace(".", "?").replace(",", ".")
 
 
@@ -170,7 +168,7 @@ def _plain(lines: Sequence[str]) -> list[str]:
 
 
 def _score(lines: Sequence[str], separator: str, decimal: str) -> float:
-    """How well a separator and a decimal sign explain the lines: numbers in rows of the usual width."""
+    """The score of a separator and a decimal sign: numbers in rows of the usual width, less penalties."""
     if (separator, decimal) == (",", ",") and not any('"' in line for line in lines):
         return 0.0
     rows = [cells_of(line, separator) for line in _plain(lines)]
@@ -182,14 +180,14 @@ def _score(lines: Sequence[str], separator: str, decimal: str) -> float:
     usual = [row for row, _ in counted if len(row) == width]
     numbers = sum(count for row, count in counted if len(row) == width)
     words = sum(bool(cell) for row in usual for cell in row) - numbers
-    # A decimal comma that no number has explains nothing that a point does not.
+    # A decimal comma needs a number with one.
     needless = decimal == "," and not any("," in cell for row in usual for cell in row)
-    # Blanks also stand beside tabs and within words.
+    # Blanks also occur beside tabs and within words.
     return (0.9 if separator == " " else 1.0) * (numbers - 1.5 * words - 0.5 * needless)
 
 
 def _is_one_column(lines: Sequence[str]) -> bool:
-    """Whether "0,5" is one number: two cells a row, all whole, below a header of one."""
+    """Whether "0,5" is one number: rows of two whole numbers below a header of one cell."""
     plain = _plain(lines)
     rows = [line.split(",") for line in plain if is_number(line.strip(), ",") and "," in line]
     heads = [line for line in plain if not any(is_number(cell.strip(), ".") for cell in line.split(","))]
@@ -209,10 +207,10 @@ def _table(lines: Sequence[str], encoding: str, separator: str, decimal: str) ->
     first = _first(rows, usual, numeric, decimal)
     names, units, above = _header(lines[:first], separator, width, decimal)
     clock = _scope_clock(rows[:first], " ".join(lines[:first]), decimal)
-    # A preamble may also stand beside the first samples (Tektronix).
+    # A preamble may also lie beside the first samples (Tektronix).
     names, units = _from_preamble(lines[: max(first, 30)], separator, names, units, numeric, width)
     bare = [_BRACKETS.sub("", name).strip() for name in names]
-    # Beside a clock that is called so "s" is a displacement, not the seconds of another clock.
+    # Beside a named clock "s" is a displacement, not a second clock.
     clocked = any(name.lower() in _CLOCKS for name in bare)
     letters = {name.lower() for name in bare if len(name) == 1}
     symbols = clocked and bool(letters - _UNITS_ALONE - set(_CLOCKS))
@@ -221,10 +219,10 @@ def _table(lines: Sequence[str], encoding: str, separator: str, decimal: str) ->
 
 
 def _first(rows: list[list[str]], usual: list[int], numeric: list[int], decimal: str) -> int:
-    """The line of the first sample: no words where the numbers stand."""
+    """The index of the line of the first sample: no words in the numeric columns."""
     words = lambda row: [j for j in numeric if row[j] and not is_number(row[j], decimal)]
     first = next((k for k in usual if not words(rows[k]) and any(row for row in rows[k])), usual[0])
-    # A sample with a word in it is still a sample, where its first number, the clock, or a header above it says so.
+    # Lines with a word in them are samples as well, if their first cell, the clock, is a number or a header is above.
     while first > 0 and len(rows[first - 1]) == len(rows[first]):
         above, header = rows[first - 1], rows[first - 2] if first > 1 else []
         heads = len(header) == len(above) and not any(is_number(cell, decimal) for cell in header)
@@ -244,7 +242,7 @@ def _header(above: Sequence[str], separator: str, width: int, decimal: str) -> t
     rows = [split(line) for line in plain[-2:]]
     units = len(rows) > 1 and _are_units(rows[-1], decimal)
     if rows and "increment" in [cell.lower() for cell in rows[0][width:]]:
-        rows = [row[:width] for row in rows]  # beside them stand start and increment of the clock
+        rows = [row[:width] for row in rows]  # start and increment of the clock are beside them
     fits = lambda row: min(width, 2) <= len(_without_empty_end(row)) <= width <= len(row) + 1
     nearest = rows[-1] if rows else []
     if not rows or not fits(nearest):
@@ -259,7 +257,7 @@ def _header(above: Sequence[str], separator: str, width: int, decimal: str) -> t
 
 
 def _are_units(row: list[str], decimal: str) -> bool:
-    """Whether a row above the samples tells units; with the clock beside them (Rigol) a word may be among them."""
+    """Whether a row above the samples has units; beside a clock (Rigol) one word may be among them."""
     numbers = sum(is_number(cell, decimal) for cell in row)
     units = sum(unit_named(cell) != "" for cell in row)
     words = sum(cell != "" for cell in row) - numbers - units
@@ -274,7 +272,7 @@ def _without_empty_end(row: list[str]) -> list[str]:
 
 
 def _scope_clock(above: Sequence[Sequence[str]], preamble: str, decimal: str) -> tuple[float, float] | None:
-    """Start and interval [s] of the clock, where they stand below "Start" and "Increment" or beside them (Rigol)."""
+    """Start and interval [s] of the clock, if they are below or beside "Start" and "Increment" (Rigol)."""
     beside = re.findall(r"(start|increment)\s*[=,;]\s*([-+\d.eE]+)", preamble, re.IGNORECASE)
     pairs = [(key.lower(), value) for key, value in beside]
     for names, below in pairwise(above):
@@ -288,7 +286,7 @@ def _scope_clock(above: Sequence[Sequence[str]], preamble: str, decimal: str) ->
 def _from_preamble(
     above: Sequence[str], separator: str, names: list[str], units: list[str], numeric: list[int], width: int
 ) -> tuple[list[str], list[str]]:
-    """Names and units, where an oscilloscope's preamble tells what no header does (Tektronix)."""
+    """Names and units, from an oscilloscope's preamble where the header lacks them (Tektronix)."""
     fields = {row[0].lower(): row[1] for row in (cells_of(line, separator) for line in above) if len(row) > 1}
     across, up = fields.get("horizontal units", ""), fields.get("vertical units", "")
     if len(numeric) < 2 or unit_named(across) == "":

@@ -1,14 +1,14 @@
-"""The interface of everything that samples are read from: a file of an instrument as a list of channels.
+"""The interface of readers: a file of an instrument as a list of channels.
 
-A member knows one format.  It opens the file anew for every question, so that nothing stays open, and gives
-samples in blocks, so that a file need not fit into memory.  All but text is read in a process of its own.
+A member reads one format.  It opens the file for each call, so that nothing stays open, and yields samples in blocks,
+so that a file need not fit into memory.  All formats but text are read in a process of their own.
 """
 
 import abc
 import contextlib
 import importlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import ClassVar, NamedTuple
@@ -29,18 +29,18 @@ class Channel(NamedTuple):
     unit: str
     """The unit as the file writes it, not checked; "" where it says none."""
     samples: int | None
-    """How many; None where only reading tells."""
+    """Number of samples; None where only reading them tells."""
     interval: float | None = None
-    """Between samples [s], where the file keeps a clock instead of times."""
+    """Interval between samples [s], where the file has a clock instead of times."""
     start: float = 0.0
     """Time of the first sample [s] on that clock."""
     written: str = ""
-    """The name with the remarks in brackets that stand beside it."""
+    """The name with the remarks in brackets beside it."""
     letter: bool = False
     """Whether the unit is only the channel's name of one letter, which may be a symbol: V of a velocity."""
 
     def measures(self, unit: str) -> bool:
-        """Whether its unit converts to `unit`; not where it says none, or where one letter is all it says."""
+        """Whether its unit is given, is more than a `letter`, and converts to `unit`."""
         try:
             return bool(self.unit) and not self.letter and factor(self.unit, unit, "") > 0
         except InputError:
@@ -61,7 +61,7 @@ BLOCK = 200_000
 
 
 class AbstractSource(abc.ABC):
-    """A file that samples are read from, whatever process reads it."""
+    """A file of samples, read in this or in another process."""
 
     file: Path
     place: ClassVar[str] = "sample"
@@ -74,7 +74,7 @@ class AbstractSource(abc.ABC):
 
     @abc.abstractmethod
     def channels(self) -> list[Channel]:
-        """What is inside, in the order of the file.
+        """The channels, in the order of the file.
 
         **Raises:** `InputError` if the file is broken, holds no samples, or a library to read it is missing.
         """
@@ -87,26 +87,26 @@ class AbstractSource(abc.ABC):
         """
 
     def header_at_fault(self, name: str) -> str:
-        """What is wrong with a header that has the `name`, though no channel is called so; "" where nothing is."""
+        """The fault of a header with a `name` that no channel has; "" for none."""
         return ""
 
     def written(self, place: int, number: int) -> str:
-        """What stands at a `place` of the channel `number` as the file has it; "" where it holds no text."""
+        """The text of the file at a `place` of the channel `number`; "" where it has none."""
         return ""
 
 
 class AbstractReader(AbstractSource):
-    """A format of files; final members are made from the path of a file and what the user says of its decimals."""
+    """A format of files; the final members are made from the path of a file and the decimal sign given."""
 
     ending: ClassVar[str]
     """Endings of the names of files of this format, for messages: "`.tdms`"."""
     expected: ClassVar[str]
     """The name of such a file in messages: "a TDMS file"."""
     in_process: ClassVar[bool] = False
-    """Whether a file is read by the process that asks: of a format whose reader nothing in a file can crash."""
+    """Whether the calling process reads the file: for formats whose reader no file can crash."""
 
     def __init__(self, file: Path, decimal: str = "") -> None:
-        """A reader of `file`; nothing is read yet.  `decimal` is "," or ".", or "" where it is to be told."""
+        """A reader of `file`; nothing is read yet.  `decimal` is "," or ".", or "" to detect it."""
         self.file = file
         self.decimal = decimal
 
@@ -144,34 +144,28 @@ def refusing(file: Path, expected: str) -> Iterator[None]:
         raise
     except MemoryError:
         raise InputError(
-            f"{file}: found more than memory has room for, as a broken file may claim, expected {expected}."
+            f"{file}: found more data than memory can hold, as a broken file may claim, expected {expected}."
         ) from None
     except FileNotFoundError:
         raise InputError(f"{file}: there is no such file, expected {expected}.") from None
     except PermissionError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror}), expected {expected}.") from None
     except Exception as error:  # libraries raise errors of many types
-        said = " ".join(str(error).replace(f"{file.parent}{os.sep}", "").split())[:120] or type(error).__name__
-        raise InputError(f"{file}: found a broken file ({said}), expected {expected}.") from None
+        reason = " ".join(str(error).replace(f"{file.parent}{os.sep}", "").split())[:120] or type(error).__name__
+        raise InputError(f"{file}: found a broken file ({reason}), expected {expected}.") from None
 
 
-def same_length(file: Path, lengths: dict[str, int]) -> int:
-    """How many samples channels have, by their names.
+def blocks_of(
+    file: Path, lengths: dict[str, int], first: int, read: Callable[[slice], Sequence[Float[np.ndarray, " samples"]]]
+) -> Iterator[Block]:
+    """The samples from `first` (from 0) on of channels with these `lengths`, by name; `read` gives them for a slice.
 
-    **Raises:** `InputError` where they differ.
+    **Raises:** `InputError` where lengths differ.
     """
-    if len(set(lengths.values())) > 1:
-        listed = ", ".join(f'{count} in "{name}"' for name, count in lengths.items())
-        raise InputError(f"{file}: found {listed}, expected channels with as many samples.")
-    return next(iter(lengths.values()))
-
-
-def blocks_of(file: Path, arrays: Sequence[tuple[str, Float[np.ndarray, " samples"]]], first: int) -> Iterator[Block]:
-    """The samples, from `first` (from 0) on, of channels that are in memory, each with its name.
-
-    **Raises:** `InputError` where they have different lengths.
-    """
-    count = same_length(file, {name: values.size for name, values in arrays})
+    count = next(iter(lengths.values()))
+    if any(length != count for length in lengths.values()):
+        listed = ", ".join(f'{length} in "{name}"' for name, length in lengths.items())
+        raise InputError(f"{file}: found {listed}, expected channels of one length.")
     for begin in range(first, count, BLOCK):
         end = min(begin + BLOCK, count)
-        yield Block(np.column_stack([values[begin:end] for _, values in arrays]), np.arange(begin + 1, end + 1))
+        yield Block(np.column_stack(read(slice(begin, end))), np.arange(begin + 1, end + 1))

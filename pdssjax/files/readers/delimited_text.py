@@ -1,12 +1,12 @@
-"""Tables of text in the dialects of instruments and spreadsheets (CSV, TSV): `_dialect` tells which.
+"""Tables of text in the dialects of instruments and spreadsheets (CSV, TSV), which `_dialect` detects.
 
 Semicolons, commas, tabs or blanks, decimal point or comma, UTF-8, UTF-16 or Latin-1, preambles, a row of units, a
 header or none, the layouts of oscilloscopes.  A file is read a part at a time.
 
-Thousands may be divided: "1.070,5", "1,070.5", and "1.070", which is either.  Where both signs stand in a number, or
-one stands twice, it is clear what divides thousands.  A single one is taken for that only where the user has told the
-decimal sign.  A column in which it always stands before three digits, beside whole numbers without it, has thousands
-more likely than decimals: then nobody but the user can tell.
+Thousands may be separated: "1.070,5", "1,070.5", and "1.070", which is ambiguous.  A number with both signs, or twice
+the same, is clear.  A single sign separates thousands only where the user gives the decimal sign.  A column where the
+sign always has three digits after it, beside whole numbers without it, likely has separated thousands; there the user
+must decide.
 """
 
 import functools
@@ -37,7 +37,7 @@ class DelimitedText(AbstractReader):
 
     @functools.cached_property
     def dialect(self) -> Dialect:
-        """How the file is written."""
+        """The dialect of the file."""
         with refusing(self.file, self.expected), self.file.open("rb") as stream:
             return dialect_of(self.file, stream.read(HEAD), self.decimal)
 
@@ -55,20 +55,20 @@ class DelimitedText(AbstractReader):
             refusing(self.file, self.expected),
             self.file.open(encoding=dialect.encoding, errors="replace", newline=None) as stream,
         ):
-            done = sum(1 for _ in islice(stream, dialect.skipped))
+            count = sum(1 for _ in islice(stream, dialect.skipped))
             while lines := list(islice(stream, BLOCK)):
-                places = np.arange(done + 1, done + len(lines) + 1)
-                done += len(lines)
+                places = np.arange(count + 1, count + len(lines) + 1)
+                count += len(lines)
                 holds = [not line.isspace() and not line.startswith("#") and line != "" for line in lines]
-                places, kept = places[holds], list(compress(lines, holds))
-                if first >= len(kept):
-                    first -= len(kept)
+                places, samples = places[holds], list(compress(lines, holds))
+                if first >= len(samples):
+                    first -= len(samples)
                     continue
-                places, kept, first = places[first:], kept[first:], 0
-                if kept:
-                    values = self._numbers(places, kept, positions)
+                places, samples, first = places[first:], samples[first:], 0
+                if samples:
+                    values = self._numbers(places, samples, positions)
                     if grouped is not None:
-                        self._check_thousands(grouped, places, values, kept)
+                        self._check_thousands(grouped, places, values, samples)
                     yield Block(values, places)
 
     def written(self, place: int, number: int) -> str:
@@ -88,10 +88,10 @@ class DelimitedText(AbstractReader):
         return f"line {self.dialect.skipped + 1}: found {width} cells, expected {len(above)} as in the header{comma}"
 
     def _numbers(self, places: np.ndarray, lines: list[str], positions: list[int]) -> np.ndarray:
-        """The cells of some columns as numbers, NaN where there is none; refuses rows of another width."""
+        """The cells of some columns as numbers or NaN; **raises** `InputError` for rows of another width."""
         separator, width = self.dialect.separator, self.dialect.width
         if separator != " " and any('"' in line for line in lines):
-            # Each line by itself: a quote that nothing closes would swallow the lines after it.
+            # Line by line, since an unclosed quote would swallow the lines after it.
             lines = ["\t".join(cells_of(line, separator)) for line in lines]
             separator = "\t"
         cells = [len(line.split()) if separator == " " else line.count(separator) + 1 for line in lines]
@@ -101,8 +101,8 @@ class DelimitedText(AbstractReader):
         if self.dialect.decimal == ",":
             pointed = with_points("\n".join(line.rstrip("\n") for line in lines)).split("\n")
         try:
-            split = None if separator == " " else separator
-            return np.loadtxt(pointed, delimiter=split, usecols=positions, comments=None, ndmin=2)
+            delimiter = None if separator == " " else separator
+            return np.loadtxt(pointed, delimiter=delimiter, usecols=positions, comments=None, ndmin=2)
         except ValueError:
             number = lambda cell: float(plain_number(cell, self.dialect.decimal, bool(self.decimal)) or "nan")
             rows = (cells_of(line, separator) for line in lines)
@@ -111,7 +111,7 @@ class DelimitedText(AbstractReader):
     def _check_thousands(
         self, grouped: "_GroupedColumns", places: np.ndarray, values: np.ndarray, lines: list[str]
     ) -> None:
-        """Refuse a column of numbers of which nobody but the user can tell whether their thousands are divided."""
+        """**Raises** `InputError` for a column in which thousands may be separated, so that the user must decide."""
         found = grouped.first_ambiguous(places, values, lines, lambda line: cells_of(line, self.dialect.separator))
         if found is None:
             return
@@ -120,7 +120,7 @@ class DelimitedText(AbstractReader):
         sign, other = ("comma", ".") if self.dialect.decimal == "," else ("point", ",")
         raise InputError(
             f'{self.file}: line {place}, column "{name}": found "{text}" in a column that has whole '
-            f'numbers, and a {sign} before three digits only: it may divide thousands.  Expected decimal = "{other}" '
+            f'numbers, and a {sign} before three digits only: it may separate thousands.  Expected decimal = "{other}" '
             f'in the record (or --decimal "{other}") if it does, decimal = "{self.dialect.decimal}" if it is the '
             "decimal sign."
         )
@@ -130,7 +130,7 @@ class DelimitedText(AbstractReader):
         for place, line, count in zip(places, lines, cells, strict=True):
             if count == self.dialect.width:
                 continue
-            # Blanks leave no cell empty: where one is missing all others have moved.
+            # Between blanks no cell is empty: a missing cell moves all after it.
             filled = count if separator == " " else len(line.rstrip(f" \r\n{separator}").split(separator))
             if filled > self.dialect.width or count < least:
                 found = f"{count} cell{'s' * (count > 1)}"
@@ -140,16 +140,18 @@ class DelimitedText(AbstractReader):
 
 
 class _GroupedColumns:
-    """Looks for columns in which thousands may be divided, a block at a time."""
+    """Finds columns in which thousands may be separated, a block at a time."""
 
     def __init__(self, positions: Sequence[int], decimal: str) -> None:
         self._positions = list(dict.fromkeys(positions))
         self._decimal = decimal
         self._group = re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(decimal)}\d{{3}}")
-        # Columns of which no number has shown that its sign is a decimal one.
         self._open = set(self._positions)
+        """Columns without a number that shows its sign to be a decimal sign."""
         self._whole: set[int] = set()
+        """Columns with a whole number."""
         self._first: dict[int, tuple[int, int, str]] = {}
+        """The first ambiguous number of each column."""
 
     def first_ambiguous(
         self,
@@ -158,17 +160,16 @@ class _GroupedColumns:
         lines: Sequence[str],
         cells: Callable[[str], Sequence[str]],
     ) -> tuple[int, int, str] | None:
-        """The first number that may be read in two ways, of a column that has nothing but such and whole numbers.
+        """The first ambiguous number in a column that has only ambiguous and whole numbers.
 
-        **Arguments:** `values` are the columns as they were read, `lines` what they were read from, and `cells` gives
-        those of a line.
+        **Arguments:** `values` are the columns as numbers, `lines` their text, and `cells` splits a line.
 
-        **Returns:** its line, the index of its column from 0, and its text.
+        **Returns:** the line, the index of the column from 0, and the text of the number.
         """
         columns = dict(zip(self._positions, values.T, strict=False))
         self._open -= {position for position, column in columns.items() if _shows_decimals(column)}
         is_whole = lambda column: np.all(np.isnan(column) | (column == np.round(column)))
-        # Whole numbers can only be groups where three zeros follow the sign.
+        # A whole number is ambiguous only with three zeros after the sign.
         zeros = f"{self._decimal}000"
         if not all(is_whole(columns[p]) for p in self._open) or (self._open and any(zeros in line for line in lines)):
             self._classify_cells(places, lines, cells)
@@ -194,7 +195,7 @@ class _GroupedColumns:
 
 
 def _shows_decimals(column: Float[np.ndarray, " samples"]) -> bool:
-    """Whether numbers as they were read show that their column has decimals, or thousands that nothing divides."""
+    """Whether numbers show that their column has decimals, or thousands without separators."""
     size = np.abs(column[np.isfinite(column)])
     broken = size[size != np.round(size)]
     return bool(

@@ -1,10 +1,10 @@
-"""HDF5 files, by h5py, and MATLAB's since version 7.3, which are HDF5: channels are called by their paths.
+"""HDF5 files, by h5py, and MATLAB's since version 7.3, which are HDF5: channels are named by their paths.
 
-Numbers in one dimension are a channel; of two, each line along the longer one is; a table's columns are, too.
+A channel is an array of one dimension, a line of an array along the longer of two dimensions, or a column of a table.
 Units are the attribute `units` or `unit`, a clock is one of `INTERVALS` [s] (`START` [s]) or `RATES` [Hz], of the
-dataset or of its group, as Keysight's oscilloscopes and h5py's users write them.  Numbers that are packed as netCDF's
-CF conventions say it (`scale_factor`, `add_offset`, `_FillValue`, `missing_value`, `valid_min` and the like) are
-unpacked; what is missing is NaN.  Complex numbers are two channels, "name.real" and "name.imag".  Samples are read
+dataset or of its group, as Keysight's oscilloscopes and h5py's users write them.  Numbers packed by netCDF's CF
+conventions (`scale_factor`, `add_offset`, `_FillValue`, `missing_value`, `valid_min` and the like) are unpacked, with
+NaN for missing ones.  Complex numbers are two channels, "name.real" and "name.imag".  Samples are read
 block by block.
 """
 
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core import InputError
-from .base import BLOCK, AbstractReader, Block, Channel, library, refusing, same_length
+from .base import AbstractReader, Block, Channel, blocks_of, library, refusing
 
 INTERVALS = ("interval", "sample_interval", "dt", "wf_increment", "XInc")
 START = ("start", "t0", "wf_start_offset", "XOrg")
@@ -24,21 +24,21 @@ RATES = ("sample_rate", "sampling_rate", "samplerate", "fs")
 _PACKING, _MISSING = ("scale_factor", "add_offset"), ("_FillValue", "missing_value")
 
 _UNREAD = ("_Unsigned", "YInc")
-"""Attributes that change what whole numbers mean, in ways that are not read."""
+"""Attributes that change the meaning of integers, which this reader does not support."""
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 
 
 class _Line(NamedTuple):
-    """Where a channel lies in a file."""
+    """The place of a channel in a file."""
 
     path: str
     field: str
     """The column of a table, or ""."""
     across: int | None
-    """The place in the shorter dimension, or None."""
+    """The index in the shorter dimension, or None."""
     transposed: bool
-    """Samples follow each other along the last dimension."""
+    """Whether samples follow each other along the last dimension."""
     part: str = ""
     """Part of a complex number: "real" or "imag"."""
 
@@ -69,25 +69,23 @@ class Hdf5(AbstractReader):
         with refusing(self.file, self.expected), h5py.File(self.file, "r") as opened:
             lines = _lines(opened)
             chosen = [lines[number - 1] for number in numbers]
-            count = same_length(self.file, {_name(line): _length(opened, line) for line in chosen})
             for line in chosen:
                 _check_stored(self.file, opened[line.path])
             unpackers = [_unpacker(self.file, opened[line.path], bool(line.field)) for line in chosen]
-            for begin in range(first, count, BLOCK):
-                end = min(begin + BLOCK, count)
-                parts = [unpack(_part(opened, of, begin, end)) for of, unpack in zip(chosen, unpackers, strict=True)]
-                yield Block(np.column_stack(parts), np.arange(begin + 1, end + 1))
+            pairs = list(zip(chosen, unpackers, strict=True))
+            read = lambda part: [unpack(_part(opened, line, part)) for line, unpack in pairs]
+            yield from blocks_of(self.file, {_name(line): _length(opened, line) for line in chosen}, first, read)
 
 
 def _lines(opened: Any) -> list[_Line]:
-    found: list[_Line] = []
+    lines: list[_Line] = []
 
-    def look(path: str, item: Any) -> None:
+    def visit(path: str, item: Any) -> None:
         if hasattr(item, "shape") and not path.startswith("#refs#"):
-            found.extend(_of_dataset(path, item))
+            lines.extend(_of_dataset(path, item))
 
-    opened.visititems(look)
-    return found
+    opened.visititems(visit)
+    return lines
 
 
 def _of_dataset(path: str, stored: Any) -> list[_Line]:
@@ -105,7 +103,7 @@ def _of_dataset(path: str, stored: Any) -> list[_Line]:
 
 
 def _parts(kind: np.dtype) -> list[str]:
-    """What numbers of a `kind` have: one part without a name, or two of complex ones; none of what is no number."""
+    """The parts of numbers of a `kind`: one without a name, two for complex numbers, none for other types."""
     if np.issubdtype(kind, np.complexfloating):
         return ["real", "imag"]
     return [""] if np.issubdtype(kind, np.number) else []
@@ -118,14 +116,11 @@ def _name(line: _Line, several: bool = True) -> str:
 
 
 def _unpacker(file: Path, stored: Any, of_table: bool) -> Callable[[np.ndarray], np.ndarray]:
-    """What makes values of the numbers of the dataset `stored`, NaN of what is missing."""
+    """A function that unpacks numbers of the dataset `stored`, with NaN for missing ones."""
     unread = _UNREAD if stored.dtype.kind in "iu" else ()
-    said = {**{key: stored.parent.attrs[key] for key in unread if key in stored.parent.attrs}, **dict(stored.attrs)}
-    attributes = {
-        key: said[key]
-        for key in (*_PACKING, *_MISSING, "valid_range", "valid_min", "valid_max", *unread)
-        if key in said
-    }
+    attrs = {**{key: stored.parent.attrs[key] for key in unread if key in stored.parent.attrs}, **dict(stored.attrs)}
+    keys = (*_PACKING, *_MISSING, "valid_range", "valid_min", "valid_max", *unread)
+    attributes = {key: attrs[key] for key in keys if key in attrs}
     numbers: dict[str, np.ndarray] = {}
     for key, value in attributes.items():
         where = f'{file}: channel "{stored.name.lstrip("/")}": attribute "{key}"'
@@ -153,14 +148,14 @@ def _unpacker(file: Path, stored: Any, of_table: bool) -> Callable[[np.ndarray],
 
 
 def _check_stored(file: Path, stored: Any) -> None:
-    """A dataset may claim more samples than its bytes can hold, and none of them would end."""
+    """**Raises** `InputError` where a dataset claims more samples than its bytes can hold."""
     claimed = stored.size * stored.dtype.itemsize
     if stored.is_virtual or claimed <= 1 << 27:
         return
-    held = stored.id.get_storage_size()
-    if claimed > 2000 * held:  # deflate, the usual filter, makes 1032 bytes of one
+    size = stored.id.get_storage_size()
+    if claimed > 2000 * size:  # deflate, the usual filter, makes 1032 bytes of one
         raise InputError(
-            f'{file}: channel "{stored.name.lstrip("/")}": found {stored.size:.3g} samples claimed by {held} bytes, '
+            f'{file}: channel "{stored.name.lstrip("/")}": found {stored.size:.3g} samples claimed by {size} bytes, '
             "expected a file that holds them."
         )
 
@@ -168,8 +163,8 @@ def _check_stored(file: Path, stored: Any) -> None:
 def _channel(opened: Any, line: _Line, number: int) -> Channel:
     stored = opened[line.path]
     attributes = {**dict(stored.parent.attrs), **dict(stored.attrs)}
-    said = lambda keys: next((float(np.ravel(attributes[key])[0]) for key in keys if key in attributes), None)
-    rate, interval = said(RATES), said(INTERVALS)
+    first_of = lambda keys: next((float(np.ravel(attributes[key])[0]) for key in keys if key in attributes), None)
+    rate, interval = first_of(RATES), first_of(INTERVALS)
     unit = next((attributes[key] for key in ("units", "unit", "Unit", "Units", "YUnits") if key in stored.attrs), "")
     several = line.across is not None and min(stored.shape) > 1
     return Channel(
@@ -178,7 +173,7 @@ def _channel(opened: Any, line: _Line, number: int) -> Channel:
         unit.decode() if isinstance(unit, bytes) else str(unit),
         _length(opened, line),
         interval or (1.0 / rate if rate else None),
-        said(START) or 0.0,
+        first_of(START) or 0.0,
     )
 
 
@@ -187,12 +182,12 @@ def _length(opened: Any, line: _Line) -> int:
     return max(shape) if line.across is not None else shape[0]
 
 
-def _part(opened: Any, line: _Line, begin: int, end: int) -> np.ndarray:
+def _part(opened: Any, line: _Line, part: slice) -> np.ndarray:
     stored = opened[line.path]
     if line.field:
-        values = stored[line.field, begin:end]
+        values = stored[line.field, part]
     elif line.across is None:
-        values = stored[begin:end]
+        values = stored[part]
     else:
-        values = stored[line.across, begin:end] if line.transposed else stored[begin:end, line.across]
+        values = stored[line.across, part] if line.transposed else stored[part, line.across]
     return np.asarray(getattr(values, line.part) if line.part else values, float)

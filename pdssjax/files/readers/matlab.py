@@ -1,9 +1,9 @@
 """MATLAB's .mat files of versions 4 to 7.2, by SciPy: arrays of numbers, and those within structs.
 
-Channels are called "name", "struct.field", and "name[2]" where an array has several columns; complex numbers are two,
-"name.real" and "name.imag".  A struct with the fields Name and Data (dSPACE ControlDesk) is called by its Name, with
-its Unit, and by the end of its Path where several have that Name.  Files of version 7.3 are HDF5, and read as such.
-A file is read as a whole.
+Channels are named "name", "struct.field", and "name[2]" for arrays of several columns; complex numbers are two,
+"name.real" and "name.imag".  A struct with the fields Name and Data (dSPACE ControlDesk) has its Name and Unit, and the
+end of its Path before the Name where several share it.  Files of version 7.3 are HDF5, and read as such.  A file is
+read as a whole.
 """
 
 import functools
@@ -45,22 +45,23 @@ class Matlab(AbstractReader):
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         chosen = [self._arrays[number - 1] for number in numbers]
-        yield from blocks_of(self.file, [(array.name, array.values) for array in chosen], first)
+        lengths = {array.name: array.values.size for array in chosen}
+        yield from blocks_of(self.file, lengths, first, lambda part: [array.values[part] for array in chosen])
 
     @functools.cached_property
     def _arrays(self) -> list[_Array]:
         import scipy.io  # a quarter of a second
 
         with refusing(self.file, self.expected):
-            held = scipy.io.loadmat(self.file, simplify_cells=True)
-        variables = {key: value for key, value in held.items() if not key.startswith("__")}
-        found = [array for key, value in variables.items() for array in _flat(key, value, "")]
-        if not found:
+            content = scipy.io.loadmat(self.file, simplify_cells=True)
+        variables = {key: value for key, value in content.items() if not key.startswith("__")}
+        arrays = [array for key, value in variables.items() for array in _flat(key, value, "")]
+        if not arrays:
             raise InputError(
                 f"{self.file}: found no channel among {list(variables)[:6]}, expected arrays of numbers "
                 "(MATLAB's tables and timeseries: save them as plain arrays or structs)."
             )
-        return found
+        return arrays
 
 
 def _flat(name: str, value: Any, unit: str) -> list[_Array]:
@@ -70,7 +71,7 @@ def _flat(name: str, value: Any, unit: str) -> list[_Array]:
         if label and isinstance(data, np.ndarray):
             return _flat(label, data, _text(value.get("Unit", "")))
         if isinstance(clock := value.get("X"), Mapping) and "Y" in value:
-            # A capture of dSPACE: X is the clock of the series in Y, also where it has no name.
+            # A capture of dSPACE: X is the clock of the series in Y, even without a name.
             if isinstance(clock.get("Data"), np.ndarray) and not _text(clock.get("Name", "")):
                 clock = {**clock, "Name": "time", "Unit": _text(clock.get("Unit", "")) or "s"}
             parts = {**value, "X": clock}
@@ -93,14 +94,14 @@ def _flat(name: str, value: Any, unit: str) -> list[_Array]:
 
 
 def _distinct_series(items: Sequence[Any]) -> list[Any]:
-    """Series of a list, those with one Name (dSPACE's "ADC") called by the end of their Path, too."""
-    named = lambda item: _text(item.get("Name", "")) if isinstance(item, Mapping) else ""
-    count = Counter(map(named, items))
-    made: list[Any] = []
+    """Series of a list; those that share a Name (dSPACE's "ADC") get the end of their Path before it."""
+    name_of = lambda item: _text(item.get("Name", "")) if isinstance(item, Mapping) else ""
+    count = Counter(map(name_of, items))
+    series: list[Any] = []
     for item in items:
         end = _text(item.get("Path", "")).rpartition("/")[2] if isinstance(item, Mapping) else ""
-        made.append({**item, "Name": f"{end}/{named(item)}"} if end and count[named(item)] > 1 else item)
-    return made
+        series.append({**item, "Name": f"{end}/{name_of(item)}"} if end and count[name_of(item)] > 1 else item)
+    return series
 
 
 def _text(value: object) -> str:

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from ...core import InputError
 from .base import AbstractReader, Block, Channel, blocks_of, library, refusing
 
-Shown = list[tuple[Channel, Float[np.ndarray, " samples"]]]
+ActiveChannels = list[tuple[Channel, Float[np.ndarray, " samples"]]]
 """Channels that were on, each with its samples."""
 
 
@@ -30,7 +30,7 @@ class Oscilloscope(AbstractReader):
 
     @classmethod
     def recognises(cls, file: Path, head: bytes) -> bool:
-        # How LeCroy's files begin, whatever they end in; the answer of a query has some bytes before it.
+        # The beginning of LeCroy's files with any ending, after some bytes in the answer of a query.
         is_lecroy = b"WAVEDESC" in head[:64]
         return is_lecroy or file.suffix.lower() in (".wfm", ".trc", ".isf", ".bin", ".wvf", ".wdf", ".hdr")
 
@@ -38,43 +38,43 @@ class Oscilloscope(AbstractReader):
         return [channel for channel, _ in self._active_channels()]
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
-        shown = self._active_channels()
-        chosen = [shown[number - 1] for number in numbers]
-        yield from blocks_of(self.file, [(channel.name, samples) for channel, samples in chosen], first)
+        active = self._active_channels()
+        chosen = [active[number - 1] for number in numbers]
+        lengths = {channel.name: samples.size for channel, samples in chosen}
+        yield from blocks_of(self.file, lengths, first, lambda part: [samples[part] for _, samples in chosen])
 
-    def _active_channels(self) -> Shown:
-        """The channels that were on."""
+    def _active_channels(self) -> ActiveChannels:
         wfm = library("RigolWFM.wfm", "oscilloscope", self.file)
         expected = self.expected
         if self.file.name.lower().endswith(".wfm.bin"):
             expected = f"{self.file.name[:-8]}.bin, which describes the samples that are in this one"
         with refusing(self.file, expected):
-            shown = _quietly(lambda: _channels_of(wfm.Wfm.from_file(str(self.file)).channels))
-        if not shown:
+            active = _quietly(lambda: _channels_of(wfm.Wfm.from_file(str(self.file)).channels))
+        if not active:
             raise InputError(f"{self.file}: found no channel that was on, expected one at least.")
-        return shown
+        return active
 
 
-def _quietly(read: Callable[[], Shown]) -> Shown:
-    """What is read by the library, which prints what it makes of a file, and leaves files open."""
+def _quietly(read: Callable[[], ActiveChannels]) -> ActiveChannels:
+    """The result of `read`, without the output of the library and the files that it leaves open."""
     with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
         warnings.simplefilter("ignore", ResourceWarning)
         try:
             return read()
         except Exception as error:  # of many types; its traceback would keep the file open
-            said = str(error)
+            reason = str(error)
         finally:
             gc.collect()
-    raise ValueError(said)
+    raise ValueError(reason)
 
 
-def _channels_of(read: Any) -> Shown:
-    """The library's channels that were on, copied, so that nothing refers to the library's own."""
-    found: Shown = []
-    for shown in read:
-        if shown.enabled and shown.volts is not None and len(shown.volts) > 1:
-            name, unit = shown.name.replace(" ", ""), str(getattr(shown.unit, "name", "v")).upper()
-            interval = float(shown.times[-1] - shown.times[0]) / (len(shown.times) - 1)
-            channel = Channel(name, len(found) + 1, unit, len(shown.volts), interval, float(shown.times[0]))
-            found.append((channel, np.asarray(shown.volts, float)))
-    return found
+def _channels_of(stored: Any) -> ActiveChannels:
+    """Copies of the library's channels that were on, so that the library's objects can be freed."""
+    active: ActiveChannels = []
+    for one in stored:
+        if one.enabled and one.volts is not None and len(one.volts) > 1:
+            name, unit = one.name.replace(" ", ""), str(getattr(one.unit, "name", "v")).upper()
+            interval = float(one.times[-1] - one.times[0]) / (len(one.times) - 1)
+            channel = Channel(name, len(active) + 1, unit, len(one.volts), interval, float(one.times[0]))
+            active.append((channel, np.asarray(one.volts, float)))
+    return active

@@ -1,4 +1,4 @@
-"""LabVIEW's TDMS files, by npTDMS: channels are called "group/channel".
+"""LabVIEW's TDMS files, by npTDMS: channels are named "group/channel".
 
 Units are the property `unit_string`; the clock of a waveform is `wf_increment` [s], and its first sample is at
 `wf_start_offset` [s] after `wf_start_time`; times count from the earliest of these in the file.  Complex numbers are
@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ...core import InputError, InputWarning
-from .base import BLOCK, AbstractReader, Block, Channel, library, refusing, same_length
+from .base import AbstractReader, Block, Channel, blocks_of, library, refusing
 
 
 class Tdms(AbstractReader):
@@ -33,13 +33,13 @@ class Tdms(AbstractReader):
             begins = [_begin(stored) for stored, _ in lines]
             earliest = min([begin for begin in begins if begin is not None], default=None)
             found = [_channel(line, number, earliest) for number, line in enumerate(lines, start=1)]
-            every = [channel for group in opened.groups() for channel in group.channels()]
             if opened.file_status.incomplete_final_segment:
+                every = [channel for group in opened.groups() for channel in group.channels()]
                 empty = [f'"{channel.group_name}/{channel.name}"' for channel in every if not len(channel)]
                 nothing = f", which is nothing of {', '.join(empty)}" if empty else ""
                 warnings.warn(
-                    f"{self.file}: the file ends before its samples do, as where what wrote it was broken off; what "
-                    f"is there is read{nothing}.",
+                    f"{self.file}: the file ends before its samples do, as after an interrupted recording; the part "
+                    f"before is read{nothing}.",
                     InputWarning,
                     stacklevel=2,
                 )
@@ -51,16 +51,13 @@ class Tdms(AbstractReader):
         with refusing(self.file, self.expected), _open_quietly(self.file) as opened:
             lines = _lines(opened)
             chosen = [lines[number - 1] for number in numbers]
-            count = same_length(self.file, {stored.name: len(stored) for stored, _ in chosen})
-            for begin in range(first, count, BLOCK):
-                end = min(begin + BLOCK, count)
-                parts = [(stored[begin:end], part) for stored, part in chosen]
-                values = np.column_stack([np.asarray(getattr(v, part) if part else v, float) for v, part in parts])
-                yield Block(values, np.arange(begin + 1, end + 1))
+            real = lambda values, part: np.asarray(getattr(values, part) if part else values, float)
+            read = lambda samples: [real(stored[samples], part) for stored, part in chosen]
+            yield from blocks_of(self.file, {stored.name: len(stored) for stored, _ in chosen}, first, read)
 
 
 def _open_quietly(file: Path) -> Any:
-    """The file, open; what npTDMS would say of it on standard error is left unsaid."""
+    """The open file; the log of npTDMS on standard error is silenced."""
     nptdms = library("nptdms", "tdms", file)
     library("nptdms.log", "tdms", file).log_manager.set_level(logging.ERROR)
     return nptdms.TdmsFile.open(file)
@@ -79,7 +76,7 @@ def _lines(opened: Any) -> list[_Line]:
 
 
 def _begin(stored: Any) -> np.datetime64 | None:
-    """When the clock of a waveform began, where the file says it."""
+    """Start of the clock of a waveform, where the file has it."""
     begin = stored.properties.get("wf_start_time")
     return None if begin is None else np.datetime64(begin, "ns")
 
