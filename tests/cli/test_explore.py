@@ -63,7 +63,7 @@ def test_the_numbers_of_an_estimate_are_saved_before_any_is_turned(tmp_path, ben
     study.write_text(re.sub(r"start = [^,}]+,? ?", "", study.read_text()).replace('"86 g"', '"90 g"'))
     assert load_study(study).missing()
     assert cli.main(["explore", str(study), "--estimate", str(estimate), "--no-browser"]) == 0
-    saved = load_study(benches[0].save(benches[0].begun, tmp_path / "saved.toml", False))
+    saved = load_study(benches[0].save(benches[0].initial, tmp_path / "saved.toml", False))
     assert saved.values() == numbers
     assert saved.parameters["piezo.gain"].free and not saved.parameters["effector.mass"].free
 
@@ -71,8 +71,8 @@ def test_the_numbers_of_an_estimate_are_saved_before_any_is_turned(tmp_path, ben
 def test_guessed_numbers_are_saved_before_any_is_turned(tmp_path, benches):
     study = platform_study.write_platform(tmp_path)
     assert cli.main(["explore", str(study), "--guess", "--no-browser"]) == 0
-    saved = load_study(benches[0].save(benches[0].begun, tmp_path / "saved.toml", False))
-    assert saved.values() == dict(benches[0].begun.values)
+    saved = load_study(benches[0].save(benches[0].initial, tmp_path / "saved.toml", False))
+    assert saved.values() == dict(benches[0].initial.values)
 
 
 @pytest.fixture
@@ -132,7 +132,7 @@ def test_a_picture_that_is_none_and_a_text_of_other_letters_are_refused(tmp_path
     assert "found 10 bytes that are no PNG picture" in capsys.readouterr().err
     (tmp_path / "a.txt").write_bytes(b"\xff\xfe\x00")
     assert main(["report", str(tmp_path)]) == 2
-    assert "a.txt: cannot be read" in capsys.readouterr().err
+    assert "a.txt: found invalid start byte at byte 0, expected UTF-8 text." in capsys.readouterr().err
     assert not (tmp_path / "report.html").exists()
 
 
