@@ -1,9 +1,9 @@
-"""The first fit on a machine, in CPU time over that of imports: `python -m benchmarks.first_fit`.
+"""The first fit on a machine, in CPU time over that of an import: `python -m benchmarks.first_fit`.
 
-The import is that of JAX, diffrax and matplotlib.
-`pdssjax identify` on the example, nothing compiled and then everything, with search, report and plots.  Beside it what
-diffrax and optimistix need as they come for a single Levenberg-Marquardt step on one record of a walk, from a start
-next to the optimum: its Jacobian misses how slips move (`benchmarks.plain_differentiation`).
+The import is that of JAX, diffrax and matplotlib.  `pdssjax identify` runs on the example, nothing compiled and then
+everything, with search, report and plots.  Beside it diffrax and optimistix, as they come, take a single
+Levenberg-Marquardt step on one record of a walk from a start next to the optimum.  Their Jacobian misses how slips move
+(`benchmarks.plain_differentiation`).
 """
 
 import os
@@ -15,11 +15,10 @@ import tempfile
 _IMPORT = "import jax, diffrax, matplotlib.pyplot"
 _IDENTIFY = "import sys; from pdssjax.cli.main import main; sys.exit(main(sys.argv[1:]))"
 _PLAIN = """
-import sys, time
+import sys
 import jax, jax.numpy as jnp, optimistix
 from benchmarks.peers.diffrax_plain import PEERS
 from benchmarks.problem import PARAMETERS, Problem
-begun = time.process_time()
 jax.config.update("jax_enable_x64", True)
 peer, problem, start = PEERS[int(sys.argv[1])], Problem(), jnp.full(PARAMETERS.size, 0.01)
 walked = jax.jit(lambda q: peer.run(PARAMETERS * jnp.exp(q), 1e-6, problem))
@@ -28,35 +27,40 @@ solver, forward = optimistix.LevenbergMarquardt(1e-6, 1e-6), {"jac": "fwd"}
 residual = lambda q, _: (walked(q) - measured) / 0.01
 found = optimistix.least_squares(residual, solver, start, options=forward, max_steps=1, throw=False)
 jax.block_until_ready(found.value)
-print(time.process_time() - begun)
 """
 ROUNDS = 2
 
 
 def main() -> int:
-    """Print the ratios, each the least of `ROUNDS` rounds in turn."""
-    least: dict[str, float] = {}
+    """Print means over `ROUNDS` rounds; imports are measured before each command, since a machine's speed changes."""
+    found: dict[str, list[float]] = {}
     for _ in range(ROUNDS):
         with tempfile.TemporaryDirectory() as folder:
-            for what, seconds in _round(folder).items():
-                least[what] = min(least.get(what, seconds), seconds)
-    imported = least["import"]
+            _measure(folder, found)
+    imported = _mean(found["import"])
     print("| | CPU s | over the import |\n|---|--:|--:|")
-    for what, seconds in least.items():
-        print(f"| {what} | {seconds:.1f} | {seconds / imported:.1f} |")
+    for what, seconds in found.items():
+        print(f"| {what} | {_mean(seconds):.1f} | {_mean(seconds) / imported:.1f} |")
     return 0
 
 
-def _round(folder: str) -> dict[str, float]:
+def _measure(folder: str, found: dict[str, list[float]]) -> None:
+    """Add one round to the CPU seconds `found`, by what was run."""
     identify = ("identify", "--out", f"{folder}/out", "--overwrite")
-    imported = _cpu_seconds(folder, _IMPORT)
-    found = {"import": imported}
-    for number, name in enumerate(("Tsit5", "Kvaerno5")):
-        plain = subprocess.run([sys.executable, "-c", _PLAIN, str(number)], check=True, capture_output=True, text=True)
-        found[f"diffrax's {name}, optimistix: import and one step"] = imported + float(plain.stdout)
-    found["pdssjax identify, nothing compiled"] = _cpu_seconds(folder, _IDENTIFY, *identify)
-    found["pdssjax identify, everything compiled"] = _cpu_seconds(folder, _IDENTIFY, *identify)
-    return found
+    commands = {
+        "diffrax's Tsit5 and optimistix: one step": (_PLAIN, "0"),
+        "diffrax's Kvaerno5 and optimistix: one step": (_PLAIN, "1"),
+        "pdssjax identify, nothing compiled": (_IDENTIFY, *identify),
+        "pdssjax identify, everything compiled": (_IDENTIFY, *identify),
+    }
+    for what, command in commands.items():
+        imports = [_cpu_seconds(folder, _IMPORT) for _ in range(3)]
+        found.setdefault("import", []).extend(imports)
+        found.setdefault(what, []).append(_cpu_seconds(folder, *command))
+
+
+def _mean(numbers: list[float]) -> float:
+    return sum(numbers) / len(numbers)
 
 
 def _cpu_seconds(folder: str, program: str, *arguments: str) -> float:
