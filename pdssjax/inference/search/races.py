@@ -82,7 +82,7 @@ MOST_RESTARTS = 4
 """Perturbed restarts in a row that may fail to lower chi-square."""
 
 _MOST_EVALUATIONS = 2.2
-"""Evaluations per iteration of a smooth run: one, two where the step is rejected or bent."""
+"""Evaluations per iteration beyond which many steps were rejected or bent: a smooth step takes one, others two."""
 
 _LARGEST_PERTURBATION = 0.3
 """Largest change of one parameter by a perturbation, on the fit's scale."""

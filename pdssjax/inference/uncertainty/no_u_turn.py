@@ -95,7 +95,7 @@ WARM_UP = 150
 """Trajectories from which the length of a step is learned; they are no draws."""
 
 _WARM_UP_BLOCK = -1
-"""The number of the block of the warm-up."""
+"""Number of the block of draws that is the warm-up, whose draws are dropped."""
 
 _START_WIDTHS = Widths(solved=(1.2,), linear=1.0, share=0.0)
 """Widths of the mixture that chains begin in."""
