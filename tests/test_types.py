@@ -143,8 +143,10 @@ from pdssjax import (
     simulate,
     sweep,
 )
+from pdssjax.friction.lugre import LuGre
 from pdssjax.inference import Problem
 from pdssjax.integration import integrate_steps, states_at
+from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import StickSlip, sensor_samples
 from pdssjax.study import Models, compare, depends_on, numbers_used
 
