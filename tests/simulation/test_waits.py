@@ -64,8 +64,10 @@ def test_a_wait_takes_no_steps_and_changes_nothing(rig):
         assert int(failure) == int(failed) == 0
         assert int(more) <= int(steps) + 1
         np.testing.assert_allclose(later, shown, rtol=0.0, atol=1e-12)
-    if rig == "dahl":
-        return  # nothing damps what a load sets off, so it rings through the whole wait
+    # Under Dahl's law nothing damps what a load sets off, so it rings through the whole wait.  The contact of the
+    # anisotropic law rests otherwise under a load of either sign, so that at zero there is no derivative.
+    if rig in ("dahl", "deflection", "force"):
+        return
     # A load is an elastic displacement at once: its derivative at zero is whole, too.
     step = 1e-6
     differences = (run(load + step, 20.0)[0] - run(load - step, 20.0)[0]) / (2.0 * step)
