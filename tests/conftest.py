@@ -51,7 +51,7 @@ def pytest_runtest_setup():
     keep_programs_in(None, "")
 
 
-MUCH = 1.3
+MUCH = 1.6
 """Memory of a worker [GB] from which on what was compiled is dropped; two workers stay below 4 GB in all."""
 
 

@@ -154,7 +154,8 @@ def test_replicates_may_be_fitted_in_other_processes(tmp_path):
         np.testing.assert_allclose(asked(processes).values, asked(None).values, rtol=1e-9)
 
 
-@pytest.mark.parametrize("sampler", ["rto", pytest.param("nuts", marks=pytest.mark.slow)])
+@pytest.mark.slow  # the sampler alone is held by tests/inference/uncertainty/test_posterior.py
+@pytest.mark.parametrize("sampler", ["rto", "nuts"])
 def test_a_posterior_of_a_platform_is_the_linear_normal_distribution(tmp_path, capsys, sampler):
     command = ["identify", str(write_platform(tmp_path)), "--intervals", "posterior", "--draws", "500"]
     assert main([*command, "--sampler", sampler, "--out", str(tmp_path / "out")]) == 0

@@ -89,6 +89,7 @@ def test_a_stop_is_guessed_as_stiff_as_the_force_rises_with_the_platform_while_t
     assert starts["stop.stiffness"] == pytest.approx(true["stop.stiffness"], rel=1e-6)
 
 
+@pytest.mark.slow  # tests/study/test_velocity.py finds a platform by a step alone
 def test_steps_of_the_platform_alone_tell_its_piezo_and_say_that_they_tell_nothing_else(step):
     study, true = step
     estimate = pdssjax.identify(study)

@@ -8,6 +8,7 @@ import measured_study
 import numpy as np
 import pytest
 import xarray
+from marks import slow
 from walking_study import made_sweep, write_made_sweep, write_walking
 
 from pdssjax import InputError, load_study
@@ -48,7 +49,7 @@ def turned(study):
     return {record.name: np.asarray(motion) for record, motion in zip(study.records, predicted, strict=True)}
 
 
-@pytest.mark.parametrize("name", ["step", "walk"])
+@pytest.mark.parametrize("name", [slow("step"), "walk"])
 def test_it_is_what_a_fit_predicts(study, records, turned, name):
     record, found = redrawn(records, name, turned_settings(study))
     assert records.is_ready(name)

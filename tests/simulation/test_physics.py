@@ -31,6 +31,7 @@ def test_what_never_slips_rides_along():
     np.testing.assert_allclose(run.effector, run.platform, rtol=0.0, atol=5e-9)  # the bristles still give
 
 
+@pytest.mark.slow
 def test_a_heavy_platform_feels_no_friction():
     rigs = (Rig(reading="force", stack=1e6, feedback=feedback, fall=9e-4) for feedback in (False, True))
     free, coupled = (trajectory(rig, TIMES, USUAL) for rig in rigs)

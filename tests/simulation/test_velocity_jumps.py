@@ -74,7 +74,8 @@ WITHOUT_BOUND = {
 """Of order 12 at 1e-11 m, which let derivatives grow (docs/decisions/17-order-and-tolerance.md)."""
 
 
-@pytest.mark.parametrize("state, direction", [slow(*case) if "force" in case else case for case in WITHOUT_BOUND])
+@pytest.mark.slow
+@pytest.mark.parametrize("state, direction", WITHOUT_BOUND)
 def test_derivatives_that_are_right_take_a_tenth_more_steps_at_most(state, direction):
     actuator = Actuator(member("piezo", "second-order")(), member("friction", "anisotropic-lugre")(state=state))
     found = pdssjax.simulate(actuator, Sawtooth(64.0, 5.0, 0.0, direction=direction), np.linspace(0.0, 0.6, 300))
