@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     )
     from .families import docstring_of as docstring_of, member as member, member_name as member_name, members as members
     from .jax_setup import (
+        Float64Call as Float64Call,
         prepare_jax as prepare_jax,
         require_float64 as require_float64,
         use_float64 as use_float64,

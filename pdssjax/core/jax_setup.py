@@ -18,7 +18,9 @@ import platform
 import re
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -31,6 +33,9 @@ from jaxtyping import Array, Float
 from .errors import InputError, InputWarning, MiscompilationError
 from .kept_programs import keep_programs_in
 from .process import raise_gc_threshold
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 _ROWS = 16_385
 """One more than XLA's kernels for a CPU take at once, in double precision."""
@@ -237,6 +242,34 @@ def use_float64() -> None:
     """Prepare JAX where it is in single precision, as it is in another process of an executor."""
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         prepare_jax()
+
+
+class Float64Call(Generic[Task, Result]):
+    """`work(task)` without arguments, for an executor.
+
+    In another process JAX is prepared before the arrays in `work` and `task` are unpickled: in single precision, in
+    which JAX begins, they would be rounded.
+    """
+
+    def __init__(self, work: Callable[[Task], Result], task: Task):
+        self._work, self._task = work, task
+
+    def __call__(self) -> Result:
+        return self._work(self._task)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _float64_call, (_Float64(), self._work, self._task)
+
+
+class _Float64:
+    """Unpickled, a call of `use_float64`."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return use_float64, ()
+
+
+def _float64_call(_: None, work: Callable[[Task], Result], task: Task) -> Float64Call[Task, Result]:
+    return Float64Call(work, task)
 
 
 def require_float64(what: str) -> None:

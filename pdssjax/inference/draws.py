@@ -9,7 +9,7 @@ from typing import Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..core import MOST_DRAWN, MOST_SEED, Document, InputError, check_whole, use_float64
+from ..core import MOST_DRAWN, MOST_SEED, Document, Float64Call, InputError, check_whole
 
 Resampled: TypeAlias = Literal["noise", "cycles"]
 """Resampling of a bootstrap: white noise of the size found, or whole cycles of the residuals."""
@@ -110,18 +110,13 @@ def each_done(
         for task in tasks:
             yield task, work(task)
         return
-    futures: dict[Future[Result], Task] = {executor.submit(_in_float64, work, task): task for task in tasks}
+    futures: dict[Future[Result], Task] = {executor.submit(Float64Call(work, task)): task for task in tasks}
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
         for future in futures:
             future.cancel()
-
-
-def _in_float64(work: Callable[[Task], Result], task: Task) -> Result:
-    use_float64()
-    return work(task)
 
 
 def check_same_run(begun: Mapping[str, object], settings: Mapping[str, object], where: str = "") -> None:

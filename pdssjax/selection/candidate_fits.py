@@ -23,7 +23,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ..core import InputError, InputWarning, use_float64
+from ..core import InputError, InputWarning
 from ..inference import Progress, effort_of, fingerprint, identify, quiet
 from ..study import Estimate, Study
 from .candidates import Candidate, neighbours, starting_near
@@ -213,7 +213,6 @@ def _timed(work: Callable[[Task], Answer]) -> Callable[[Task], Answer]:
     @functools.wraps(work)
     def timed(task: Task) -> Answer:
         begun, before = time.perf_counter(), task.earlier.seconds if task.earlier else 0.0
-        use_float64()
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", InputWarning)

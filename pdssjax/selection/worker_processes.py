@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from typing import TypeVar
 
-from ..core import prepare_jax
+from ..core import Float64Call, prepare_jax
 
 Subject = TypeVar("Subject")
 Task = TypeVar("Task")
@@ -59,7 +59,7 @@ def workers(executor: Executor | None, most: int) -> Iterator[Callable[..., Futu
         futures: list[Future[Answer]] = []
 
         def submit(work: Callable[..., Answer], task: object) -> Future[Answer]:
-            futures.append(executor.submit(work, task))
+            futures.append(executor.submit(Float64Call(work, task)))
             return futures[-1]
 
         try:

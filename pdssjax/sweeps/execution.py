@@ -25,11 +25,10 @@ from concurrent.futures import (
 )
 from typing import Any, TypeAlias, cast
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..core import Document, InputError, choices, member, member_name, members, prepare_jax, quantities
+from ..core import Document, InputError, choices, member, member_name, members, quantities, use_float64
 from ..integration import Accuracy, Taylor
 from ..study import Models
 from .blocks import BlockPlan, default_workers
@@ -183,8 +182,7 @@ def run_blocks(
 
 def run_block(text: str, points: Float[np.ndarray, "lanes paths"]) -> Block:
     """Compute a block of the job `text` at its `points`: the task of a worker."""
-    if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
-        prepare_jax()
+    use_float64()
     return compute_block(_cached_function(text), points)
 
 

@@ -1,16 +1,18 @@
 """A bootstrap on models that cost nothing: its spread, what it draws, where it runs, and how it goes on."""
 
-from concurrent.futures import ThreadPoolExecutor
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from types import SimpleNamespace
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from pdssjax import Drawing, InputError
 from pdssjax.files import DrawsFile
 from pdssjax.inference import Fit, Problem
-from pdssjax.inference.draws import InMemory
+from pdssjax.inference.draws import InMemory, each_done
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.prior import Prior
 from pdssjax.inference.uncertainty.bootstrap import bootstrap, cycles_redrawn, phases_of
@@ -241,3 +243,10 @@ def test_replicates_that_fail_and_too_few_of_them_are_said():
     assert first.startswith("3 of 20 replicates of the bootstrap did not converge and are left out; the intervals then")
     assert first.endswith("too short: stalled.")
     assert "17 replicates only" in second
+
+
+def test_arrays_keep_their_digits_in_another_process():
+    """JAX begins in single precision there, and its arrays are unpickled before anything is computed."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as processes:
+        [(_, found)] = each_done(np.asarray, [jnp.asarray(1.0 / 3.0)], processes)
+    assert float(found) == 1.0 / 3.0
