@@ -101,7 +101,7 @@ class Rig:
 
 def with_measured(problem: Problem, measured: list[Float[np.ndarray, " n"]]) -> Problem:
     """The problem of other samples at the same times."""
-    return problem._replace(residual=eqx.tree_at(lambda r: r.measured, problem.residual, tuple(measured)))
+    return problem._replace(residual=eqx.tree_at(lambda r: r.comparison.measured, problem.residual, tuple(measured)))
 
 
 def known_truth() -> dict[str, float]:
