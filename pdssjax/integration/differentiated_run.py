@@ -51,7 +51,8 @@ def ruled_call(function: Callable[..., Result], rule: Rule, *args: Tree) -> Resu
     leaves, structure = jax.tree.flatten(arrays)
     whole = lambda leaves: eqx.combine(jax.tree.unflatten(structure, leaves), static)
     types = [jax.ShapeDtypeStruct(t.shape, t.dtype, weak_type=t.weak_type) for t in map(jax.typeof, leaves)]
-    call, result = jax.make_jaxpr(lambda *leaves: function(*whole(leaves)), return_shape=True)(*types)
+    with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
+        call, result = jax.make_jaxpr(lambda *leaves: function(*whole(leaves)), return_shape=True)(*types)
 
     def jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Sequence[Array], Sequence[Any]]:
         varied = [None if type(tangent) is ad.Zero else tangent for tangent in tangents]
