@@ -117,6 +117,16 @@ def test_a_richer_model_that_fits_as_well_is_not_told_apart_by_blocks_that_show_
     assert groups_of(["simple", "richer"], "simple", "simple", judged) == [["simple"], ["richer"]]
 
 
+def test_the_scatter_of_two_cycles_is_no_doubt_about_a_law_that_alone_explains_both():
+    """As LuGre's law in the first two cycles of a walk: of one cycle held out the other tells the parameters badly."""
+    cycles = (Part(0, np.ones(N, bool), "time"),) * 2
+    scores = scored(["time"] * 2, {"simple": (5.0, 1.0), "right": (2.0, 1.0)})._replace(parts=cycles)
+    fits = {"simple": Fitness(2, 400.0, 414.0), "right": Fitness(5, 100.0, 134.0, explains=True)}
+    assert choose(["simple", "right"], scores._replace(fits=fits))[0] == "right"
+    unexplained = fits | {"right": Fitness(5, 100.0, 134.0)}
+    assert choose(["simple", "right"], scores._replace(fits=unexplained))[0] == "simple"
+
+
 def test_a_model_that_predicts_whole_records_worse_is_never_chosen():
     kinds = ["time"] * 4 + ["record"] * 2
     scores = scored(kinds, {"follows": (0.0,) * 4 + (1.0,) * 2, "predicts": (0.6,) * 4 + (0.0,) * 2})
