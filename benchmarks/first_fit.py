@@ -66,7 +66,8 @@ def _mean(numbers: list[float]) -> float:
 def _cpu_seconds(folder: str, program: str, *arguments: str) -> float:
     """CPU time of a fresh process, whose compiled code is kept in the `folder`."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    environment = os.environ | {"PDSSJAX_CACHE": f"{folder}/cache"}
+    # Python keeps its bytecode, as it does for users.
+    environment = os.environ | {"PDSSJAX_CACHE": f"{folder}/cache", "PYTHONDONTWRITEBYTECODE": ""}
     subprocess.run([sys.executable, "-c", program, *arguments], env=environment, check=True, capture_output=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
