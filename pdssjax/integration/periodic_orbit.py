@@ -10,6 +10,7 @@ and the eigenvalues of M are its Floquet multipliers: it attracts where all lie 
 (R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004).
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -73,6 +74,7 @@ def newton_orbit(
     system = lax.stop_gradient(system)
     unflatten = unflattener(system)
 
+    @partial(jax.jit, inline=True)  # traced once, for its shapes and for the loop
     def linearised_cycle(x: Float[Array, " components"]) -> Orbit:
         reach = lambda x: cycle_end(system, x, duration, accuracy, count)
         monodromy, (end, failure) = jax.jacfwd(lambda x: (reach(x)[0], reach(x)), has_aux=True)(x)

@@ -6,6 +6,7 @@ r, the distance still to come is r / (1 - r) times the last one.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import jax
@@ -125,8 +126,8 @@ def steady_state(
     fixed, length = lax.stop_gradient(system), jnp.asarray(lax.stop_gradient(duration), float)
     phases = length[None] * (1.0 - SHORT)
 
-    def attempt(before: tuple[Count, tuple[Cycles, _Trial]]) -> tuple[Count, tuple[Cycles, _Trial]]:
-        attempts, _ = before
+    @partial(jax.jit, inline=True)  # traced once, for its shapes and for the loop
+    def attempt(attempts: Count) -> tuple[Count, tuple[Cycles, _Trial]]:
         cycles = integrate_cycles(fixed, length, phases, accuracy, tolerance, jnp.where(attempts > 0, MOST, FIRST))
         trial = _first_accepted(fixed, cycles, length, accuracy, tolerance)
         on_orbit = restarted(fixed, trial.orbit.x)
@@ -136,8 +137,8 @@ def steady_state(
 
     goes_on = lambda now: (now[0] < 2) & ~(now[1][1].grazing >= GRAZES)
     # A loop that begins with zeros has its body once, and compiles faster.
-    blank = zeros_of(lambda: attempt((jnp.zeros((), int), None)))  # pyright: ignore[reportArgumentType]
-    _, (cycles, trial) = lax.while_loop(goes_on, attempt, blank)
+    blank = zeros_of(attempt, jnp.zeros((), int))
+    _, (cycles, trial) = lax.while_loop(goes_on, lambda now: attempt(now[0]), blank)
     ok = trial.grazing >= GRAZES
     orbit = refined(system, trial.orbit, duration, accuracy, trial.count)
     x, gain = _chosen(ok, orbit, (_openings(cycles)[-1], _net_shift(system, cycles)))
@@ -186,23 +187,22 @@ def _first_accepted(
     tolerance: ScalarLike,
 ) -> _Trial:
     """The orbit near the end of some cycles that repeats after the fewest periods, and whether it is accepted."""
-    none, unflatten = jnp.zeros((), int), unflattener(system)
-    openings = _openings(cycles)
+    openings, unflatten = _openings(cycles), unflattener(system)
     distance = lambda a, b: system.state_distance(unflatten(list(a)), unflatten(list(b)))
 
-    def attempt(before: _Trial) -> _Trial:
-        orbit = newton_orbit(system, openings[-1], duration, accuracy, tolerance, before.count + 1)
+    @partial(jax.jit, inline=True)  # traced once, for its shapes and for the loop
+    def attempt(count: Count) -> _Trial:
+        orbit = newton_orbit(system, openings[-1], duration, accuracy, tolerance, count + 1)
         moduli = multipliers(system, orbit)
         attracts = moduli[0] < 1.0 - _NEUTRAL
         # Newton's method may jump to another orbit than the one that the cycles approach.
-        to_come = distance(openings[-1], openings[-2 - before.count]) / jnp.where(attracts, 1.0 - moduli[0], 1.0)
+        to_come = distance(openings[-1], openings[-2 - count]) / jnp.where(attracts, 1.0 - moduli[0], 1.0)
         reached = distance(orbit.x, openings[-1]) <= _FAR * to_come + tolerance
         accepted = (orbit.confirmed >= CONFIRMED) & (orbit.failure == 0) & attracts & reached
-        return _Trial(orbit, moduli, before.count + 1, accepted, jnp.zeros(()))
+        return _Trial(orbit, moduli, count + 1, accepted, jnp.zeros(()))
 
-    blank = zeros_of(lambda: attempt(_Trial(None, None, none, None, None)))  # pyright: ignore[reportArgumentType]
     goes_on = lambda trial: ~trial.accepted & (trial.count < PERIODS)
-    return lax.while_loop(goes_on, attempt, blank)
+    return lax.while_loop(goes_on, lambda trial: attempt(trial.count), zeros_of(attempt, jnp.zeros((), int)))
 
 
 class _Carry(NamedTuple):
