@@ -11,11 +11,11 @@ the noise.
 
 With w = L^-1 e, L L' = C, two models differ by d = (|w_b|^2 - |w_a|^2) / 2 in a part.  By noise alone d varies by
 |w_a - w_b|^2.  Where the better one leaves more than noise, too, and the parts of a record differ more than that, their
-scatter counts (Q. H. Vuong, Econometrica 57(2), 1989), unless it explains all that was fitted and the other does not by
-far: then the law is not in doubt, only its parameters by fewer samples.  A difference is significant from two standard
-errors on, and matters where it exceeds both `MIN_SCORE_DIFFERENCE` and half of what the better model itself leaves
-beyond noise: where no model is right, differences below their common error are no reason to choose.  On blocks of time
-it does not matter, either, where the model behind explains what is fitted as well (`Fitness`).
+scatter counts (Q. H. Vuong, Econometrica 57(2), 1989).  A difference is significant from two standard errors on, and
+matters where it exceeds both `MIN_SCORE_DIFFERENCE` and half of what the better model itself leaves beyond noise: where
+no model is right, differences below their common error are no reason to choose.  On blocks of time it does not matter,
+either, where the model behind explains what is fitted as well (`Fitness`); and what a model leaves beyond noise there
+does not count where it explains all that is fitted, and the one behind does not by far.
 
 A record that alone tells some parameters of a right model cannot be predicted from the others.  So one that explains
 all that is fitted, where the other does not by far, is not refused for fitted records held out, only for those that no
@@ -181,17 +181,17 @@ class Scores(NamedTuple):
         chance = np.array([float(np.sum((a - b) ** 2)) for a, b in zip(better, worse, strict=True)])
         total = float(np.sum(values))
         names = (first, second) if total >= 0.0 else (second, first)
-        left, fits = self.excess(names[0]), [self.fits[name] for name in names if self.fits]
+        fits = [self.fits[name] for name in names if self.fits]
+        # What one that outdoes the other leaves beyond noise is due to its parameters by fewer samples, not to its law.
+        left = 0.0 if fits and fits[0].outdoes(fits[1]) else self.excess(names[0])
         matters = abs(total) >= max(MIN_SCORE_DIFFERENCE, 0.5 * left)
         # A block may hold nearly all that tells a parameter, and what is predicted of it be off for the right law: of
         # one that explains as much of the fit, blocks show how little the records tell, not that it is wrong.
         matters = matters and not (fits and fits[1].is_no_worse(fits[0]))
-        # For the same reason the scatter of one that outdoes the other is no doubt about it.
-        scatters = left > 0.0 and not (fits and fits[0].outdoes(fits[1]))
         variance = 0.0
         records = np.array([part.record for part in self.parts])
         for here in (records == record for record in {*records}):
-            scatter = here.sum() * float(np.var(values[here], ddof=1)) if here.sum() > 1 and scatters else 0.0
+            scatter = here.sum() * float(np.var(values[here], ddof=1)) if here.sum() > 1 and left else 0.0
             variance += max(scatter, float(np.sum(chance[here])))
         return Difference(total, float(np.sqrt(variance)), matters)
 

@@ -123,8 +123,12 @@ def test_the_scatter_of_two_cycles_is_no_doubt_about_a_law_that_alone_explains_b
     scores = scored(["time"] * 2, {"simple": (5.0, 1.0), "right": (2.0, 1.0)})._replace(parts=cycles)
     fits = {"simple": Fitness(2, 400.0, 414.0), "right": Fitness(5, 100.0, 134.0, explains=True)}
     assert choose(["simple", "right"], scores._replace(fits=fits))[0] == "right"
+    # Nor is what it leaves of one beyond noise, twice the difference, a reason to keep the other.
+    close = scores._replace(whitened=scored(["time"] * 2, {"simple": (2.2, 1.5), "right": (2.0, 1.0)}).whitened)
+    assert choose(["simple", "right"], close._replace(fits=fits))[0] == "right"
     unexplained = fits | {"right": Fitness(5, 100.0, 134.0)}
-    assert choose(["simple", "right"], scores._replace(fits=unexplained))[0] == "simple"
+    for each in (scores, close):
+        assert choose(["simple", "right"], each._replace(fits=unexplained))[0] == "simple"
 
 
 def test_a_model_that_predicts_whole_records_worse_is_never_chosen():
