@@ -34,7 +34,7 @@ STYLE: dict[Any, Any] = {
 def styled_figure(width: float, height: float, *, fitted: bool = True) -> Iterator[Figure]:
     """A figure of that size [inch], in the style of all of them while it is drawn; its layout `fitted` to its texts."""
     with matplotlib.rc_context(STYLE):
-        yield Figure(figsize=(width, height), layout="constrained" if fitted else "none")
+        yield Figure(figsize=(width, height), layout="constrained" if fitted else None)
 
 
 def save_figure(figure: Figure, file: Path) -> None:
