@@ -51,6 +51,7 @@ def ruled_call(function: Callable[..., Result], rule: Rule, *args: Tree) -> Resu
     leaves, structure = jax.tree.flatten(arrays)
     whole = lambda leaves: eqx.combine(jax.tree.unflatten(structure, leaves), static)
     types = [jax.ShapeDtypeStruct(t.shape, t.dtype, weak_type=t.weak_type) for t in map(jax.typeof, leaves)]
+    # Within a transformation JAX has an empty mesh for none, and would trace every inner `jit` once more for that.
     with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
         call, result = jax.make_jaxpr(lambda *leaves: function(*whole(leaves)), return_shape=True)(*types)
 

@@ -31,8 +31,7 @@ def record_figure(record: FittedRecord) -> Figure:
         top = 0.92 - text.get_window_extent().height / figure.bbox.height
         ratios = {"height_ratios": (2, 1), "width_ratios": (3, 2)}
         places = {"left": 0.13, "right": 0.985, "bottom": 0.1, "top": top, "wspace": 0.25, "hspace": 0.1}
-        panels = figure.subplots(2, 2, sharex="col", gridspec_kw=ratios | places)
-        ((motion, near), (residual, near_residual)) = panels
+        ((motion, near), (residual, near_residual)) = figure.subplots(2, 2, sharex="col", gridspec_kw=ratios | places)
         motion.plot(record.time, measured, color=GREY, linewidth=2.4, label="measured")
         motion.plot(record.time, predicted, color=VERMILION, linewidth=0.9, label="predicted")
         motion.set_ylabel(f"{record.display.quantity} ({unit})")
