@@ -10,7 +10,6 @@ and the eigenvalues of M are its Floquet multipliers: it attracts where all lie 
 (R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004).
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -23,7 +22,7 @@ from .accuracy import Accuracy
 from .restart import flat, restarted
 from .solution import sample_run
 from .system import AbstractHybridSystem, unflattener
-from .tracing import zeros_of
+from .tracing import traced_once, zeros_of
 
 SHORT = 1e-10
 """A cycle ends this part of a period early, so that the corner there belongs to the next period.
@@ -74,7 +73,7 @@ def newton_orbit(
     system = lax.stop_gradient(system)
     unflatten = unflattener(system)
 
-    @partial(jax.jit, inline=True)  # traced once, for its shapes and for the loop
+    @traced_once
     def linearised_cycle(x: Float[Array, " components"]) -> Orbit:
         reach = lambda x: cycle_end(system, x, duration, accuracy, count)
         monodromy, (end, failure) = jax.jacfwd(lambda x: (reach(x)[0], reach(x)), has_aux=True)(x)

@@ -6,7 +6,6 @@ r, the distance still to come is r / (1 - r) times the last one.
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import jax
@@ -21,7 +20,7 @@ from .periodic_orbit import CONFIRMED, SHORT, Orbit, multipliers, newton_orbit, 
 from .restart import restarted
 from .solution import SteppedRun, integrate_steps
 from .system import AbstractHybridSystem, State, unflattener
-from .tracing import choose_each, zeros_of
+from .tracing import choose_each, traced_once, zeros_of
 
 PERIODS = 3
 """A motion may repeat after 1, 2 or 3 cycles."""
@@ -126,7 +125,7 @@ def steady_state(
     fixed, length = lax.stop_gradient(system), jnp.asarray(lax.stop_gradient(duration), float)
     phases = length[None] * (1.0 - SHORT)
 
-    @partial(jax.jit, inline=True)  # traced once, for its shapes and for the loop
+    @traced_once
     def attempt(attempts: Count) -> tuple[Count, tuple[Cycles, _Trial]]:
         cycles = integrate_cycles(fixed, length, phases, accuracy, tolerance, jnp.where(attempts > 0, MOST, FIRST))
         trial = _first_accepted(fixed, cycles, length, accuracy, tolerance)
@@ -190,16 +189,16 @@ def _first_accepted(
     openings, unflatten = _openings(cycles), unflattener(system)
     distance = lambda a, b: system.state_distance(unflatten(list(a)), unflatten(list(b)))
 
-    @partial(jax.jit, inline=True)  # traced once, for its shapes and for the loop
-    def attempt(count: Count) -> _Trial:
-        orbit = newton_orbit(system, openings[-1], duration, accuracy, tolerance, count + 1)
+    @traced_once
+    def attempt(tried: Count) -> _Trial:
+        orbit = newton_orbit(system, openings[-1], duration, accuracy, tolerance, tried + 1)
         moduli = multipliers(system, orbit)
         attracts = moduli[0] < 1.0 - _NEUTRAL
         # Newton's method may jump to another orbit than the one that the cycles approach.
-        to_come = distance(openings[-1], openings[-2 - count]) / jnp.where(attracts, 1.0 - moduli[0], 1.0)
+        to_come = distance(openings[-1], openings[-2 - tried]) / jnp.where(attracts, 1.0 - moduli[0], 1.0)
         reached = distance(orbit.x, openings[-1]) <= _FAR * to_come + tolerance
         accepted = (orbit.confirmed >= CONFIRMED) & (orbit.failure == 0) & attracts & reached
-        return _Trial(orbit, moduli, count + 1, accepted, jnp.zeros(()))
+        return _Trial(orbit, moduli, tried + 1, accepted, jnp.zeros(()))
 
     goes_on = lambda trial: ~trial.accepted & (trial.count < PERIODS)
     return lax.while_loop(goes_on, lambda trial: attempt(trial.count), zeros_of(attempt, jnp.zeros((), int)))

@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..core import Count
 from .step_table import Table
+from .tracing import traced_once
 
 _TILE = 32
 """Steps expanded or linearised at once."""
@@ -38,7 +39,7 @@ Tile: TypeAlias = Callable[[Carry, Float[Array, "rows columns"], Bool[Array, " r
 def tiled(tile: Tile[Carry, Results], carry: Carry, table: Table, count: Count) -> tuple[Carry, Results]:
     """The carry after the first `count` rows of the table, and the results of `tile` for each; zeros for the rest."""
     tiles = len(table) // _TILE
-    tile = jax.jit(tile, inline=True)  # traced once, for its shapes and for the loop
+    tile = traced_once(tile)
     shapes = jax.eval_shape(tile, carry, table[:_TILE], jnp.ones(_TILE, bool))[1]
     blank = jax.tree.map(lambda s: jnp.zeros((tiles * _TILE, *s.shape[1:]), s.dtype), shapes)
 

@@ -7,6 +7,7 @@ come out are the same.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeAlias, TypeVar, TypeVarTuple
 
 import jax
@@ -60,6 +61,10 @@ def _of_one_shape(x: Any, y: Any) -> tuple[Any, Any] | None:
     return None if other is None else other[::-1]
 
 
+traced_once = partial(jax.jit, inline=True)
+"""Decorator of a function whose shapes are asked for before a loop or a branch calls it: one trace serves both."""
+
+
 def zeros_of(function: Callable[[*Arguments], Result], *args: *Arguments) -> Result:
     """Zeros like the arrays of `function(*args)`, which is not computed."""
     return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(function, *args))
@@ -70,5 +75,5 @@ def computed_once(true: Truth | bool, function: Callable[[*Arguments], Result], 
 
     `true` holds in a way that the compiler cannot know: a branch is compiled as a whole.
     """
-    function = jax.jit(function, inline=True)  # traced once, for its shapes and for the branch
+    function = traced_once(function)
     return lax.cond(true, function, lambda *args: zeros_of(function, *args), *args)

@@ -180,14 +180,14 @@ class Scores(NamedTuple):
         values = np.array([0.5 * float(b @ b - a @ a) for a, b in zip(better, worse, strict=True)])
         chance = np.array([float(np.sum((a - b) ** 2)) for a, b in zip(better, worse, strict=True)])
         total = float(np.sum(values))
-        names = (first, second) if total >= 0.0 else (second, first)
-        fits = [self.fits[name] for name in names if self.fits]
+        ahead, behind = (first, second) if total >= 0.0 else (second, first)
         # What one that outdoes the other leaves beyond noise is due to its parameters by fewer samples, not to its law.
-        left = 0.0 if fits and fits[0].outdoes(fits[1]) else self.excess(names[0])
-        matters = abs(total) >= max(MIN_SCORE_DIFFERENCE, 0.5 * left)
+        outdoes = bool(self.fits) and self.fits[ahead].outdoes(self.fits[behind])
+        left = 0.0 if outdoes else self.excess(ahead)
         # A block may hold nearly all that tells a parameter, and what is predicted of it be off for the right law: of
         # one that explains as much of the fit, blocks show how little the records tell, not that it is wrong.
-        matters = matters and not (fits and fits[1].is_no_worse(fits[0]))
+        is_no_worse = bool(self.fits) and self.fits[behind].is_no_worse(self.fits[ahead])
+        matters = abs(total) >= max(MIN_SCORE_DIFFERENCE, 0.5 * left) and not is_no_worse
         variance = 0.0
         records = np.array([part.record for part in self.parts])
         for here in (records == record for record in {*records}):

@@ -32,7 +32,7 @@ STYLE: dict[Any, Any] = {
 
 @contextlib.contextmanager
 def styled_figure(width: float, height: float, *, fitted: bool = True) -> Iterator[Figure]:
-    """A figure of that size [inch], in the style of all of them while it is drawn; its layout `fitted` to its texts."""
+    """A figure of that size [inch], drawn in the style of all; matplotlib places its panels, unless not `fitted`."""
     with matplotlib.rc_context(STYLE):
         yield Figure(figsize=(width, height), layout="constrained" if fitted else None)
 
